@@ -1,0 +1,6 @@
+"""SpaceDock: spacecraft docking with the International Space Station, as a LeRobot plugin.
+
+Importing this registers the gymnasium ids and loads nothing heavy (no numba, GL, matplotlib or rsl-rl).
+"""
+
+__version__ = "0.1.0"

@@ -1,0 +1,155 @@
+"""The episode log: one Parquet file an episode, one row a state. What every metric reads, whoever wrote it.
+
+Columns ``step, time, dt, x..w3, Tx..Lz, reward``; units as in ``physics/frames.py``, rates in **deg/s**. Row ``k``
+holds the state before step ``k`` and the command, step length and reward of that step; the last row is the terminal
+state, whose command, ``dt`` and ``reward`` are null. File metadata ``spacedock`` is a JSON object (``METADATA_KEYS``).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from lerobot_spacedock.errors import FileFormatError
+from lerobot_spacedock.physics.frames import ACTION_NAMES, STATE_NAMES
+
+COLUMNS = ("step", "time", "dt", *STATE_NAMES, *ACTION_NAMES, "reward")
+METADATA_KEYS = (
+    "version",
+    "env_id",
+    "config",
+    "seed",
+    "initial_conditions",
+    "label",
+    "outcome",
+    "success",
+    "contact",
+    "clipped_actions",
+    "dynamics",
+)
+
+
+@dataclass(frozen=True)
+class EpisodeLog:
+    """One episode of ``K`` steps.
+
+    Attributes:
+        time: s, (K+1,), from 0.
+        state: (K+1, 14) float64, dataset order and units (rates in deg/s).
+        action: N and N·m, (K, 6) float64: the commands as executed after clipping.
+        dt: s, (K,).
+        reward: (K,).
+        metadata: see ``METADATA_KEYS``; logs of other origin may hold fewer keys.
+    """
+
+    time: np.ndarray
+    state: np.ndarray
+    action: np.ndarray
+    dt: np.ndarray
+    reward: np.ndarray
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def num_steps(self) -> int:
+        return len(self.dt)
+
+
+def log_path(log_dir: Path | str, seed: int) -> Path:
+    """The file of the episode with this seed: ``episode_{seed:06d}.parquet``."""
+    return Path(log_dir) / f"episode_{seed:06d}.parquet"
+
+
+def write_episode_log(path: Path | str, log: EpisodeLog) -> Path:
+    """Writes one episode aside and renames it, so that a killed run leaves a whole file or none.
+
+    Returns:
+        The path written. An existing file of that name is replaced.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = log.num_steps + 1
+    columns: dict[str, pa.Array] = {
+        "step": pa.array(np.arange(rows), pa.int32()),
+        "time": pa.array(log.time, pa.float64()),
+        "dt": _with_null_end(log.dt),
+    }
+    columns |= {name: pa.array(log.state[:, i], pa.float64()) for i, name in enumerate(STATE_NAMES)}
+    columns |= {name: _with_null_end(log.action[:, i]) for i, name in enumerate(ACTION_NAMES)}
+    columns["reward"] = _with_null_end(log.reward)
+    table = pa.table(columns).replace_schema_metadata({"spacedock": json.dumps(log.metadata)})
+    aside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        pq.write_table(table, aside, compression="zstd")
+        os.replace(aside, path)
+    finally:
+        aside.unlink(missing_ok=True)
+    return path
+
+
+def read_episode_log(path: Path | str) -> EpisodeLog:
+    """Reads one episode log; the last row's command, dt and reward may be null or present (then ignored).
+
+    Raises:
+        FileFormatError: not Parquet, a column is missing or not numeric, too few rows, or a value is not finite.
+    """
+    path = Path(path)
+    try:
+        table = pq.read_table(path, partitioning=None)
+    except FileNotFoundError:
+        raise
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise FileFormatError(f"{path}: not a readable Parquet file ({error}).") from error
+    missing = [name for name in COLUMNS if name not in table.column_names and name not in ("step", "reward")]
+    if missing:
+        raise FileFormatError(f"{path}: columns {missing} are missing; an episode log has {list(COLUMNS)}.")
+    if table.num_rows < 1:
+        raise FileFormatError(f"{path}: no rows; an episode log has at least one state.")
+
+    def column(name: str, rows: int) -> np.ndarray:
+        try:
+            values = table.column(name).slice(0, rows).to_numpy().astype(np.float64)
+        except (pa.ArrowException, ValueError, TypeError) as error:
+            raise FileFormatError(f"{path}: column {name!r} is not numeric ({error}).") from error
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            raise FileFormatError(
+                f"{path}: column {name!r} holds {values[bad[0]]} in row {bad[0]}; only the last row's command, "
+                "dt and reward may be empty."
+            )
+        return values
+
+    rows = table.num_rows
+    try:
+        metadata = json.loads((table.schema.metadata or {}).get(b"spacedock", b"{}"))
+    except ValueError as error:
+        raise FileFormatError(f"{path}: file metadata 'spacedock' is not JSON ({error}).") from error
+    if not isinstance(metadata, dict):
+        raise FileFormatError(f"{path}: file metadata 'spacedock' is {type(metadata).__name__}, not a JSON object.")
+    reward = column("reward", rows - 1) if "reward" in table.column_names else np.zeros(rows - 1)
+    return EpisodeLog(
+        time=column("time", rows),
+        state=np.stack([column(name, rows) for name in STATE_NAMES], axis=1),
+        action=np.stack([column(name, rows - 1) for name in ACTION_NAMES], axis=1),
+        dt=column("dt", rows - 1),
+        reward=reward,
+        metadata=metadata,
+    )
+
+
+def iterate_episode_logs(log_dir: Path | str) -> Iterator[tuple[Path, EpisodeLog]]:
+    """Every ``episode_*.parquet`` of a folder, in name order, one at a time (flat memory)."""
+    for path in sorted(Path(log_dir).glob("episode_*.parquet")):
+        yield path, read_episode_log(path)
+
+
+def _with_null_end(values: np.ndarray) -> pa.Array:
+    padded = np.append(np.asarray(values, dtype=np.float64), 0.0)
+    return pa.array(padded, pa.float64(), mask=np.arange(len(padded)) == len(padded) - 1)

@@ -1,0 +1,42 @@
+"""One root error. A message says what was given, what is allowed, and how to mend it."""
+
+
+class SpaceDockError(Exception):
+    """Root of every error that this package raises on purpose."""
+
+
+class InputError(SpaceDockError, ValueError):
+    """An argument, option, file or action that cannot be used.
+
+    Args:
+        what: the name of the thing, as its user writes it (``--env.camera.height``, ``action``).
+        given: what was received.
+        allowed: what would have been accepted.
+        mend: what to do about it; left out where ``allowed`` already says it.
+    """
+
+    def __init__(self, what: str, given: object, allowed: str, mend: str = "") -> None:
+        self.what, self.given, self.allowed, self.mend = what, given, allowed, mend
+        super().__init__(what, given, allowed, mend)
+
+    def __str__(self) -> str:
+        text = f"{self.what}: got {_short(self.given)}; allowed: {self.allowed}."
+        return f"{text} {self.mend}" if self.mend else text
+
+
+class SimulationError(SpaceDockError):
+    """The simulation left the domain in which it means anything (a state that is not finite, no mass left)."""
+
+
+class FileFormatError(SpaceDockError, ValueError):
+    """A file that cannot be read as what it claims to be; the message names file and place."""
+
+
+class MissingDependencyError(SpaceDockError, ImportError):
+    """An optional package is needed for what was asked."""
+
+
+def _short(value: object, limit: int = 200) -> str:
+    text = value if isinstance(value, str) else repr(value)
+    text = " ".join(text.split())
+    return text if len(text) <= limit else text[: limit - 1] + "…"
