@@ -3,6 +3,7 @@
 Columns ``step, time, dt, x..w3, Tx..Lz, reward``; units as in ``physics/frames.py``, rates in **deg/s**. Row ``k``
 holds the state before step ``k`` and the command, step length and reward of that step; the last row is the terminal
 state, whose command, ``dt`` and ``reward`` are null. File metadata ``spacedock`` is a JSON object (``METADATA_KEYS``).
+Further float columns are allowed, kept in ``EpisodeLog.extra`` and passed over by whoever does not know them.
 """
 
 from __future__ import annotations
@@ -48,6 +49,7 @@ class EpisodeLog:
         dt: s, (K,).
         reward: (K,).
         metadata: see ``METADATA_KEYS``; logs of other origin may hold fewer keys.
+        extra: further columns by name, each (K,), a value a step, or (K+1,), a value a state.
     """
 
     time: np.ndarray
@@ -56,6 +58,7 @@ class EpisodeLog:
     dt: np.ndarray
     reward: np.ndarray
     metadata: dict[str, Any] = field(default_factory=dict)
+    extra: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def num_steps(self) -> int:
@@ -84,6 +87,8 @@ def write_episode_log(path: Path | str, log: EpisodeLog) -> Path:
     columns |= {name: pa.array(log.state[:, i], pa.float64()) for i, name in enumerate(STATE_NAMES)}
     columns |= {name: _with_null_end(log.action[:, i]) for i, name in enumerate(ACTION_NAMES)}
     columns["reward"] = _with_null_end(log.reward)
+    for name, values in log.extra.items():
+        columns[name] = pa.array(values, pa.float64()) if len(values) == rows else _with_null_end(values)
     table = pa.table(columns).replace_schema_metadata({"spacedock": json.dumps(log.metadata)})
     aside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
@@ -134,6 +139,11 @@ def read_episode_log(path: Path | str) -> EpisodeLog:
     if not isinstance(metadata, dict):
         raise FileFormatError(f"{path}: file metadata 'spacedock' is {type(metadata).__name__}, not a JSON object.")
     reward = column("reward", rows - 1) if "reward" in table.column_names else np.zeros(rows - 1)
+    extra = {
+        name: column(name, rows - 1 if table.column(name).null_count else rows)
+        for name in table.column_names
+        if name not in COLUMNS and pa.types.is_floating(table.schema.field(name).type)
+    }
     return EpisodeLog(
         time=column("time", rows),
         state=np.stack([column(name, rows) for name in STATE_NAMES], axis=1),
@@ -141,6 +151,7 @@ def read_episode_log(path: Path | str) -> EpisodeLog:
         dt=column("dt", rows - 1),
         reward=reward,
         metadata=metadata,
+        extra=extra,
     )
 
 
