@@ -1,9 +1,9 @@
 """The episode log: one Parquet file an episode, one row a state. What every metric reads, whoever wrote it.
 
-Columns ``step, time, dt, x..w3, Tx..Lz, reward``; units as in ``physics/frames.py``, rates in **deg/s**. Row ``k``
-holds the state before step ``k`` and the command, step length and reward of that step; the last row is the terminal
-state, whose command, ``dt`` and ``reward`` are null. File metadata ``spacedock`` is a JSON object (``METADATA_KEYS``).
-Further float columns are allowed, kept in ``EpisodeLog.extra`` and passed over by whoever does not know them.
+Columns ``step, time, dt, x..w3, Tx..Lz, reward``; units as in ``physics/frames.py``, rates in **deg/s**. Row
+``k`` holds the state before step ``k`` and the command, step length and reward of that step; the last row is the
+terminal state, whose command, ``dt`` and ``reward`` are null. File metadata ``spacedock`` is a JSON object
+(``METADATA_KEYS``). Further float columns are allowed, kept in ``EpisodeLog.extra`` and passed over by whoever does not know them.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def read_episode_log(path: Path | str) -> EpisodeLog:
     """Reads one episode log; the last row's command, dt and reward may be null or present (then ignored).
 
     Raises:
-        FileFormatError: not Parquet, a column is missing or not numeric, too few rows, or a value is not finite.
+        FileFormatError: not Parquet, a column is missing or not numeric, too few rows, or not finite.
     """
     path = Path(path)
     try:
@@ -126,8 +126,8 @@ def read_episode_log(path: Path | str) -> EpisodeLog:
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             raise FileFormatError(
-                f"{path}: column {name!r} holds {values[bad[0]]} in row {bad[0]}; only the last row's command, "
-                "dt and reward may be empty."
+                f"{path}: column {name!r} holds {values[bad[0]]} in row {bad[0]}; only the last row's "
+                "command, dt and reward may be empty."
             )
         return values
 
@@ -137,13 +137,16 @@ def read_episode_log(path: Path | str) -> EpisodeLog:
     except ValueError as error:
         raise FileFormatError(f"{path}: file metadata 'spacedock' is not JSON ({error}).") from error
     if not isinstance(metadata, dict):
-        raise FileFormatError(f"{path}: file metadata 'spacedock' is {type(metadata).__name__}, not a JSON object.")
+        raise FileFormatError(
+            f"{path}: file metadata 'spacedock' is {type(metadata).__name__}, not a JSON object."
+        )
     reward = column("reward", rows - 1) if "reward" in table.column_names else np.zeros(rows - 1)
-    extra = {
-        name: column(name, rows - 1 if table.column(name).null_count else rows)
-        for name in table.column_names
-        if name not in COLUMNS and pa.types.is_floating(table.schema.field(name).type)
-    }
+    extra = {}
+    for name in table.column_names:
+        if name not in COLUMNS and pa.types.is_floating(table.schema.field(name).type):
+            values = table.column(name)
+            length = rows - 1 if values.slice(rows - 1).null_count else rows
+            extra[name] = values.slice(0, length).to_numpy().astype(np.float64)
     return EpisodeLog(
         time=column("time", rows),
         state=np.stack([column(name, rows) for name in STATE_NAMES], axis=1),
