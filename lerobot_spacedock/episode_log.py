@@ -1,10 +1,10 @@
 """The episode log: one Parquet file an episode, one row a state. What every metric reads, whoever wrote it.
 
-Columns ``step, time, dt, x..w3, Tx..Lz, reward``; units as in ``physics/frames.py``, rates in **deg/s**.
-Row ``k`` holds the state before step ``k`` and the command, step length and reward of that step; the last row is
-the terminal state, whose command, ``dt`` and ``reward`` are null. File metadata ``spacedock`` is a JSON object
-(``METADATA_KEYS``). Further float columns are allowed: kept in ``EpisodeLog.extra``, passed over by whoever does
-not know them.
+Columns ``step, time, dt, x..w3, Tx..Lz, reward``; units as in ``physics/frames.py``, rates in
+**deg/s**. Row ``k`` holds the state before step ``k`` and the command, step length and reward of that
+step; the last row is the terminal state, whose command, ``dt`` and ``reward`` are null. File metadata
+``spacedock`` is a JSON object (``METADATA_KEYS``). Further float columns are allowed: kept in
+``EpisodeLog.extra``, passed over by whoever does not know them.
 """
 
 from __future__ import annotations
