@@ -5,8 +5,12 @@ Hill frame H (LVLH)
     ``z`` orbit normal. The station stands still in H.
 
 Body frame B
-    Origin at the chaser's reference point (the tip that docks). The camera looks along ``+z_B``; image rows run
-    along ``+y_B`` (down in the picture), image columns along ``+x_B`` (right in the picture).
+    Origin at the chaser's reference point (the tip that docks), where the camera sits and looks along ``+z_B``.
+    Image columns run along ``+y_B`` (right in the picture), image rows along ``-x_B`` (down in the picture): at the
+    nominal attitude ``q_HB = (√½, -√½, 0, 0)`` the camera looks along ``+y_H``, zenith is up and Earth below.
+
+Station axes S (as the measured port coordinates are given)
+    ``-y_S`` forward, ``+z_S`` zenith: ``x_S = z_H``, ``y_S = -y_H``, ``z_S = x_H``.
 
 Quaternion
     Scalar first, ``q = (q0, q1, q2, q3)``, unit norm; ``q_HB`` turns body vectors into Hill vectors:

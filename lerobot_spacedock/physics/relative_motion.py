@@ -1,0 +1,55 @@
+"""Hill–Clohessy–Wiltshire relative motion: the exact transition over a time.
+
+    ẍ = 3n²x + 2nẏ,   ÿ = −2nẋ,   z̈ = −n²z      (x radial outward, y along-track, z orbit normal)
+
+Source: Clohessy and Wiltshire, "Terminal Guidance System for Satellite Rendezvous", J. Aerospace Sci. 27 (1960);
+the closed form as in Vallado, "Fundamentals of Astrodynamics and Applications", 4th ed., eq. 6-25 (axes as here).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, inline="always")
+def hcw_transition_row(r, v, mean_motion_rad_s, sine_half, cosine_half, time_s):
+    """Free motion of one chaser over ``time_s``; sine and cosine are of ``n t / 2``.
+
+    Args:
+        r: m, 3-tuple, Hill frame.
+        v: m/s, 3-tuple, Hill frame.
+        mean_motion_rad_s: rad/s, ``n``.
+        sine_half: ``sin(n t / 2)``; given, because callers need half steps and whole ones.
+        cosine_half: ``cos(n t / 2)``.
+        time_s: s.
+
+    Returns:
+        (r, v) after ``time_s``. ``1 - cos`` is formed as ``2 sin²`` so that nothing cancels at small ``n t``.
+    """
+    n = mean_motion_rad_s
+    sine = 2.0 * sine_half * cosine_half
+    versine = 2.0 * sine_half * sine_half
+    cosine = 1.0 - versine
+    angle = n * time_s
+    x = (1.0 + 3.0 * versine) * r[0] + (sine * v[0] + 2.0 * versine * v[1]) / n
+    y = r[1] + 6.0 * (sine - angle) * r[0] + ((4.0 * sine - 3.0 * angle) * v[1] - 2.0 * versine * v[0]) / n
+    z = cosine * r[2] + sine * v[2] / n
+    vx = 3.0 * n * sine * r[0] + cosine * v[0] + 2.0 * sine * v[1]
+    vy = (1.0 - 4.0 * versine) * v[1] - 6.0 * n * versine * r[0] - 2.0 * sine * v[0]
+    vz = cosine * v[2] - n * sine * r[2]
+    return (x, y, z), (vx, vy, vz)
+
+
+def hcw_transition_matrix(time_s: float, mean_motion_rad_s: float) -> np.ndarray:
+    """State transition matrix of (r, v) in Hill axes over ``time_s``, (6, 6); m and m/s."""
+    half = 0.5 * mean_motion_rad_s * time_s
+    columns = []
+    for unit in np.eye(6):
+        r, v = hcw_transition_row.py_func(
+            tuple(unit[:3]), tuple(unit[3:]), mean_motion_rad_s, math.sin(half), math.cos(half), time_s
+        )
+        columns.append([*r, *v])
+    return np.array(columns).T
