@@ -1,0 +1,138 @@
+"""The ``spacedock`` command: ``spacedock <verb> --flag=value``, flags parsed as LeRobot parses its own (draccus).
+
+Each verb is a config dataclass and a function of it, living in the room that does the work and imported only when
+the verb is called. ``--config_path=file.yaml`` reads a config first; flags override it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import difflib
+import importlib
+import io
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+from lerobot_spacedock import __version__
+from lerobot_spacedock.errors import InputError, SpaceDockError
+
+USAGE_ERROR = 2  # the exit status of argparse and of every shell tool for a command that cannot be understood
+
+
+@dataclasses.dataclass(frozen=True)
+class Verb:
+    """Where a verb lives: ``module:config`` is its dataclass, ``module:function`` does the work."""
+
+    module: str
+    config: str
+    function: str
+    summary: str
+
+    def load(self) -> tuple[type, Any]:
+        module = importlib.import_module(f"lerobot_spacedock.{self.module}")
+        return getattr(module, self.config), getattr(module, self.function)
+
+
+VERBS = {
+    "train-expert": Verb("expert.train", "TrainExpertConfig", "train_expert", "train the meta-RL expert"),
+    "demos": Verb("dataset.demos", "DemosConfig", "demos", "fly an expert, render, write a LeRobotDataset"),
+    "convert": Verb("dataset.convert", "ConvertConfig", "convert", "turn other people's rollouts into a dataset"),
+    "check": Verb("dataset.check", "CheckConfig", "check", "check a dataset's integrity and physics"),
+    "push": Verb("dataset.push", "PushConfig", "push", "publish a dataset with its card"),
+    "report": Verb("report.build", "ReportConfig", "report", "tables and figures from episode logs"),
+    "view": Verb("report.view", "ViewConfig", "view", "look at episodes in the Rerun viewer"),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one verb; a mistake in the input is one message on stderr and exit status 2."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    if not arguments or arguments[0] in ("-h", "--help", "help"):
+        print(_overview())
+        return 0 if arguments else USAGE_ERROR
+    if arguments[0] in ("-V", "--version"):
+        print(f"spacedock {__version__}")
+        return 0
+    try:
+        return run(arguments[0], arguments[1:])
+    except (SpaceDockError, FileExistsError, FileNotFoundError) as error:
+        print(f"spacedock: error: {error}", file=sys.stderr)
+        return USAGE_ERROR
+    except KeyboardInterrupt:
+        print("spacedock: stopped", file=sys.stderr)
+        return 130
+
+
+def run(name: str, arguments: Sequence[str]) -> int:
+    """Parses the flags of one verb and calls it.
+
+    Raises:
+        InputError: no such verb, an unknown or malformed flag, or a config file that cannot be used.
+    """
+    if name not in VERBS:
+        raise InputError("verb", name, ", ".join(VERBS), _suggestion(name, VERBS))
+    config_class, function = VERBS[name].load()
+    config = parse_config(config_class, arguments, prog=f"spacedock {name}")
+    return int(function(config) or 0)
+
+
+def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> Any:
+    """Flags (and the file of ``--config_path``) → an instance of ``config_class``.
+
+    Raises:
+        InputError: naming the flag, what was given, and the flags that exist.
+    """
+    from draccus.argparsing import ArgumentParser
+    from draccus.utils import DraccusException
+
+    parser = ArgumentParser(config_class, prog=prog)
+    if "-h" in arguments or "--help" in arguments:
+        parser.parser.print_help()
+        raise SystemExit(0)
+    known = sorted({flag for action in parser.parser._actions for flag in action.option_strings} - {"-h", "--help"})
+    complaint = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(complaint):
+            config, unknown = parser.parse_known_args(_switches_as_values(arguments))
+    except SystemExit as error:  # argparse's own way out: a value missing, or not among the choices
+        message = complaint.getvalue().strip().rpartition("error: ")[2]
+        raise InputError(prog, " ".join(arguments), " ".join(known), f"{message}.") from error
+    except FileNotFoundError as error:
+        raise InputError("--config_path", error.filename, "an existing YAML or JSON file") from error
+    except (DraccusException, argparse.ArgumentError) as error:
+        raise InputError(prog, str(error), " ".join(known)) from error
+    if unknown:
+        flag = unknown[0].split("=", 1)[0]
+        raise InputError(prog, unknown[0], " ".join(known), _suggestion(flag, known))
+    return config
+
+
+def _switches_as_values(arguments: Sequence[str]) -> list[str]:
+    """``--flag`` followed by nothing or by another flag means ``--flag=true``."""
+    out = []
+    for argument, following in zip(arguments, [*arguments[1:], "--"], strict=True):
+        bare = argument.startswith("--") and "=" not in argument and following.startswith("--")
+        out.append(f"{argument}=true" if bare else argument)
+    return out
+
+
+def _suggestion(given: str, known: Sequence[str]) -> str:
+    close = difflib.get_close_matches(given, list(known), n=1)
+    return f"Did you mean {close[0]}?" if close else ""
+
+
+def _overview() -> str:
+    width = max(map(len, VERBS))
+    verbs = "\n".join(f"  {name:<{width}}  {verb.summary}" for name, verb in VERBS.items())
+    return (
+        "usage: spacedock <verb> [--flag=value ...]   (spacedock <verb> --help lists its flags)\n\n"
+        f"{verbs}\n\n"
+        "Training and evaluation are LeRobot's own: lerobot-train and lerobot-eval with --env.type=spacedock."
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

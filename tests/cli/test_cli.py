@@ -1,0 +1,110 @@
+"""The ``spacedock`` command: flags in, one clear message out."""
+
+import dataclasses
+import importlib
+import inspect
+import subprocess
+import sys
+
+import pytest
+
+from lerobot_spacedock import cli
+from lerobot_spacedock.errors import InputError
+
+
+@dataclasses.dataclass(frozen=True)
+class Camera:
+    height: int = 480  # px
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    repo_id: str  # name of the dataset
+    num_episodes: int = 10  # how many to keep
+    overwrite: bool = False  # replace what is there
+    camera: Camera = dataclasses.field(default_factory=Camera)  # the camera
+
+
+def parse(*arguments):
+    return cli.parse_config(Config, arguments, prog="spacedock demos")
+
+
+def test_flags_reach_nested_fields():
+    config = parse("--repo_id=a/b", "--camera.height=96", "--num_episodes", "3")
+    assert (config.repo_id, config.camera.height, config.num_episodes) == ("a/b", 96, 3)
+
+
+def test_a_bare_switch_means_true():
+    assert parse("--overwrite", "--repo_id=a/b").overwrite is True
+    assert parse("--repo_id=a/b", "--overwrite").overwrite is True
+    assert parse("--repo_id=a/b", "--overwrite=false").overwrite is False
+
+
+def test_flags_override_the_config_file(tmp_path):
+    path = tmp_path / "demos.yaml"
+    path.write_text("repo_id: from/file\nnum_episodes: 7\ncamera:\n  height: 120\n")
+    config = parse(f"--config_path={path}", "--num_episodes=8")
+    assert (config.repo_id, config.num_episodes, config.camera.height) == ("from/file", 8, 120)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fragments"),
+    [
+        (("--repo_id=a", "--num_episode=3"), ("--num_episode=3", "Did you mean --num_episodes?", "--camera.height")),
+        (("--repo_id=a", "--num_episodes=many"), ("num_episodes", "many")),
+        (("--num_episodes=3",), ("repo_id",)),
+        (("--config_path=nowhere.yaml",), ("--config_path", "nowhere.yaml")),
+    ],
+)
+def test_bad_flags_name_the_flag_and_the_remedy(arguments, fragments):
+    with pytest.raises(InputError) as caught:
+        parse(*arguments)
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+
+
+def test_an_unknown_key_in_the_config_file_is_named(tmp_path):
+    path = tmp_path / "demos.yaml"
+    path.write_text("repo_id: a/b\nepisodes: 7\n")
+    with pytest.raises(InputError, match="episodes"):
+        parse(f"--config_path={path}")
+
+
+def test_an_unknown_verb_lists_the_verbs(capsys):
+    assert cli.main(["demo"]) == cli.USAGE_ERROR
+    message = capsys.readouterr().err
+    assert "Did you mean demos?" in message
+    assert all(verb in message for verb in cli.VERBS)
+
+
+def test_no_verb_shows_all_and_fails(capsys):
+    assert cli.main([]) == cli.USAGE_ERROR
+    assert cli.main(["--help"]) == 0
+    assert all(verb in capsys.readouterr().out for verb in cli.VERBS)
+
+
+@pytest.mark.parametrize("name", cli.VERBS)
+def test_every_verb_is_a_config_and_a_function_of_it(name):
+    config_class, function = cli.VERBS[name].load()
+    assert dataclasses.is_dataclass(config_class)
+    required = [p for p in inspect.signature(function).parameters.values() if p.default is p.empty]
+    assert len(required) == 1
+    assert importlib.import_module(function.__module__).__name__.startswith("lerobot_spacedock.")
+
+
+@pytest.mark.parametrize("name", cli.VERBS)
+def test_every_flag_of_every_verb_has_a_help_text(name, capsys):
+    config_class, _ = cli.VERBS[name].load()
+    with pytest.raises(SystemExit):
+        cli.parse_config(config_class, ["--help"], prog=name)
+    text = capsys.readouterr().out
+    assert all(f"--{field.name}" in text for field in dataclasses.fields(config_class))
+
+
+def test_the_command_line_starts_without_lerobot_or_torch():
+    code = (
+        "import sys; from lerobot_spacedock import cli; cli.main(['--help']);"
+        "print(sorted({'torch', 'lerobot', 'numba', 'matplotlib'} & set(sys.modules)))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip().endswith("[]")
