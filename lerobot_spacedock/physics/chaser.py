@@ -77,5 +77,7 @@ class ChaserParameters:
         packed[:, INERTIA_INVERSE : INERTIA_INVERSE + 9] = np.linalg.inv(inertia).reshape(-1, 9)
         packed[:, ISOTROPIC] = (inertia == inertia[:, :1, :1] * np.eye(3)).all(axis=(1, 2))
         if not (np.isfinite(packed).all() and (packed[:, EXHAUST_SPEED] > 0.0).all()):
-            raise InputError("chaser parameters", "a value that is not finite or an Isp ≤ 0", "finite, Isp > 0")
+            raise InputError(
+                "chaser parameters", "a value that is not finite or an Isp ≤ 0", "finite, Isp > 0"
+            )
         return packed

@@ -32,7 +32,9 @@ from lerobot_spacedock.physics.rigid_body import (
     rotate_vector_inverse,
 )
 
-SUBSTEP_ANGLE_rad = 0.03  # whole episodes then stay within 1e-6 m and 1e-8 rad (tests/physics/test_propagate.py)
+SUBSTEP_ANGLE_rad = (
+    0.03  # whole episodes then stay within 1e-6 m and 1e-8 rad (tests/physics/test_propagate.py)
+)
 MAX_SUBSTEPS = 4096
 
 
@@ -96,7 +98,9 @@ def propagate_row(state, action, step_s, parameters, row, mean_motion_rad_s, hil
         if hill_coupling:
             q = multiply_quaternions((cosine_quarter, 0.0, 0.0, -sine_quarter), q)
         mass_middle = mass + 0.5 * h * flow
-        a_middle = rotate_vector(q, (thrust[0] / mass_middle, thrust[1] / mass_middle, thrust[2] / mass_middle))
+        a_middle = rotate_vector(
+            q, (thrust[0] / mass_middle, thrust[1] / mass_middle, thrust[2] / mass_middle)
+        )
         q, omega = advance_attitude(
             q, omega, torque, 0.5 * h, isotropic, parameters, row, p.INERTIA, p.INERTIA_INVERSE
         )
