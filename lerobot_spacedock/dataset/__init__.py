@@ -1,0 +1,1 @@
+"""Datasets: record, convert, check, describe and push LeRobotDatasets of docking episodes."""

@@ -1,0 +1,139 @@
+"""The one schema of every dataset that this package writes: names, shapes, units and meaning.
+
+Two kinds of columns. What a policy may see or must predict carries LeRobot's prefixes (``observation.``,
+``action``); everything else (the true state, the executed command, real times) has none, so that no policy
+ever takes it as an input. ``fps`` is 1 and LeRobot's ``timestamp`` counts frames: the step is variable, and
+real times stand in ``control_dt`` and ``sim_time``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.physics.frames import ACTION_NAMES, OBSERVATION_NAMES, STATE_NAMES
+
+FPS = 1
+ROBOT_TYPE = "spacecraft"
+TASK = "dock with the International Space Station"
+SCHEMA_VERSION = "1"
+
+IMAGE = "observation.images.camera"
+STATE = "observation.state"
+ACTION = "action"
+EXECUTED_ACTION = "executed_action"
+TRUE_STATE = "true_state"
+CONTROL_DT = "control_dt"
+SIM_TIME = "sim_time"
+REWARD = "next.reward"
+SUCCESS = "next.success"
+DONE = "next.done"
+
+STORAGES = ("video", "image")
+STATE_UNITS = ("m",) * 3 + ("m/s",) * 3 + ("kg",) + ("1",) * 4 + ("deg/s",) * 3
+ACTION_UNITS = ("N",) * 3 + ("N·m",) * 3
+
+
+@dataclass(frozen=True)
+class Column:
+    """One feature of the dataset.
+
+    Attributes:
+        dtype: LeRobot's dtype.
+        shape: as LeRobot writes it.
+        names: one a component.
+        units: one a component; "1" is dimensionless.
+        meaning: one sentence.
+        required: False for columns that datasets of other origin may lack.
+    """
+
+    dtype: str
+    shape: tuple[int, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    meaning: str
+    required: bool = True
+
+    def as_feature(self) -> dict[str, Any]:
+        return {"dtype": self.dtype, "shape": self.shape, "names": list(self.names)}
+
+
+def columns(
+    *,
+    height: int = 480,
+    width: int = 640,
+    storage: str = "video",
+    with_mass: bool = False,
+    image: bool = True,
+) -> dict[str, Column]:
+    """The columns of a dataset, in order.
+
+    Args:
+        height: pixels.
+        width: pixels.
+        storage: ``video`` (streamed to the encoder) or ``image`` (lossless PNG inside Parquet).
+        with_mass: 14 observed values, the mass after the velocity, instead of 13.
+        image: False for a dataset of states alone.
+
+    Raises:
+        InputError: unknown storage, or a size that the encoder cannot take.
+    """
+    if storage not in STORAGES:
+        raise InputError("storage", storage, " or ".join(STORAGES))
+    if image and (min(height, width) < 16 or (storage == "video" and (height % 2 or width % 2))):
+        raise InputError("image size", f"{height}x{width}", "16 pixels or more, even numbers for video")
+    observed = STATE_NAMES if with_mass else OBSERVATION_NAMES
+    observed_units = tuple(STATE_UNITS[STATE_NAMES.index(name)] for name in observed)
+    found: dict[str, Column] = {}
+    if image:
+        found[IMAGE] = Column(
+            storage,
+            (height, width, 3),
+            ("height", "width", "channels"),
+            ("1",),
+            "RGB frame of the body camera (+z body axis), taken at the instant of the state.",
+        )
+    return found | {
+        STATE: Column(
+            "float32",
+            (len(observed),),
+            observed,
+            observed_units,
+            "What the policy sees: position and velocity in Hill axes from the port, quaternion (scalar first, "
+            "body to Hill), body rates; with sensor noise where the environment has it.",
+        ),
+        ACTION: Column(
+            "float32",
+            (len(ACTION_NAMES),),
+            ACTION_NAMES,
+            ACTION_UNITS,
+            "The label: the command the expert chose for this observation; thrust and torque, body axes.",
+        ),
+        CONTROL_DT: Column("float32", (1,), ("dt",), ("s",), "How long the command is held."),
+        SIM_TIME: Column("float32", (1,), ("t",), ("s",), "Time since the start of the episode."),
+        REWARD: Column("float32", (1,), ("reward",), ("1",), "Reward of the step."),
+        SUCCESS: Column("bool", (1,), ("success",), ("1",), "True on the last frame of a successful docking."),
+        DONE: Column("bool", (1,), ("done",), ("1",), "True on the last frame of an episode."),
+        TRUE_STATE: Column(
+            "float32",
+            (len(STATE_NAMES),),
+            STATE_NAMES,
+            STATE_UNITS,
+            "The simulator's state without sensor noise, mass included. Never a policy input.",
+            required=False,
+        ),
+        EXECUTED_ACTION: Column(
+            "float32",
+            (len(ACTION_NAMES),),
+            ACTION_NAMES,
+            ACTION_UNITS,
+            "The command that flew, after injected disturbances and clipping. Never a policy target.",
+            required=False,
+        ),
+    }
+
+
+def features(**options: Any) -> dict[str, dict[str, Any]]:
+    """LeRobot's feature dictionary of ``columns(**options)``."""
+    return {name: column.as_feature() for name, column in columns(**options).items()}
