@@ -71,13 +71,9 @@ class ChaserParameters:
         packed[:, EXHAUST_SPEED] = np.asarray(self.specific_impulse_s) * c.STANDARD_GRAVITY_m_s2
         symmetric = np.allclose(inertia, np.swapaxes(inertia, 1, 2), rtol=1e-12, atol=0.0)
         if not (np.isfinite(inertia).all() and symmetric and (np.linalg.eigvalsh(inertia) > 0.0).all()):
-            raise InputError(
-                "inertia_kg_m2", inertia, "symmetric positive definite 3×3 matrices in kg·m², all finite"
-            )
+            raise InputError("inertia_kg_m2", inertia, "symmetric positive definite 3×3 matrices in kg·m², all finite")
         packed[:, INERTIA_INVERSE : INERTIA_INVERSE + 9] = np.linalg.inv(inertia).reshape(-1, 9)
         packed[:, ISOTROPIC] = (inertia == inertia[:, :1, :1] * np.eye(3)).all(axis=(1, 2))
         if not (np.isfinite(packed).all() and (packed[:, EXHAUST_SPEED] > 0.0).all()):
-            raise InputError(
-                "chaser parameters", "a value that is not finite or an Isp ≤ 0", "finite, Isp > 0"
-            )
+            raise InputError("chaser parameters", "a value that is not finite or an Isp ≤ 0", "finite, Isp > 0")
         return packed

@@ -2,9 +2,7 @@
 
 EARTH_MU_m3_s2 = 398600.4418e9  # EGM-96 / WGS-84 geocentric gravitational constant, ±8e5 m³/s²
 EARTH_EQUATORIAL_RADIUS_m = 6378137.0  # WGS-84 semi-major axis, exact by definition
-STANDARD_GRAVITY_m_s2 = (
-    9.81  # as in the reference rollouts (the BIPM value, 9.80665, leaves a residual there)
-)
+STANDARD_GRAVITY_m_s2 = 9.81  # as in the reference rollouts (the BIPM value, 9.80665, leaves a residual there)
 
 STATION_ALTITUDE_m = 409e3  # Posadas-Nava et al. 2025, circular orbit of the ISS
 ORBIT_RADIUS_m = EARTH_EQUATORIAL_RADIUS_m + STATION_ALTITUDE_m

@@ -4,7 +4,7 @@ The docking axis leaves the port along its outward normal; ``axial`` is the dist
 ``lateral`` the distance from it. Contact is the instant at which the chaser's reference point reaches the port plane
 (axial = 0).
 
-Sources: International Docking System Standard, IDD Revision F, table 3.3.1.1-1 (initial contact conditions), and the
+Sources: International Docking System Standard (initial contact conditions; internationaldockingstandard.com), and the
 ATV's probe-and-drogue envelope at Zvezda; the numbers as listed with the reference environment.
 """
 

@@ -32,9 +32,7 @@ from lerobot_spacedock.physics.rigid_body import (
     rotate_vector_inverse,
 )
 
-SUBSTEP_ANGLE_rad = (
-    0.03  # whole episodes then stay within 1e-6 m and 1e-8 rad (tests/physics/test_propagate.py)
-)
+SUBSTEP_ANGLE_rad = 0.03  # whole episodes then stay within 1e-6 m and 1e-8 rad (tests/physics/test_propagate.py)
 MAX_SUBSTEPS = 4096
 
 
@@ -92,18 +90,12 @@ def propagate_row(state, action, step_s, parameters, row, mean_motion_rad_s, hil
     none = (0.0, 0.0, 0.0)
     for _ in range(count):
         a_start = rotate_vector(q, (thrust[0] / mass, thrust[1] / mass, thrust[2] / mass))
-        q, omega = advance_attitude(
-            q, omega, torque, 0.5 * h, isotropic, parameters, row, p.INERTIA, p.INERTIA_INVERSE
-        )
+        q, omega = advance_attitude(q, omega, torque, 0.5 * h, isotropic, parameters, row, p.INERTIA, p.INERTIA_INVERSE)
         if hill_coupling:
             q = multiply_quaternions((cosine_quarter, 0.0, 0.0, -sine_quarter), q)
         mass_middle = mass + 0.5 * h * flow
-        a_middle = rotate_vector(
-            q, (thrust[0] / mass_middle, thrust[1] / mass_middle, thrust[2] / mass_middle)
-        )
-        q, omega = advance_attitude(
-            q, omega, torque, 0.5 * h, isotropic, parameters, row, p.INERTIA, p.INERTIA_INVERSE
-        )
+        a_middle = rotate_vector(q, (thrust[0] / mass_middle, thrust[1] / mass_middle, thrust[2] / mass_middle))
+        q, omega = advance_attitude(q, omega, torque, 0.5 * h, isotropic, parameters, row, p.INERTIA, p.INERTIA_INVERSE)
         if hill_coupling:
             q = multiply_quaternions((cosine_quarter, 0.0, 0.0, -sine_quarter), q)
         mass = mass + h * flow
@@ -202,9 +194,7 @@ def propagate(
     out = np.empty_like(state)
     if threads > 1:
         blocks = max(1, min(4 * threads, len(state)))
-        _propagate_parallel(
-            state, action, step_s, parameters, mean_motion_rad_s, hill_coupling, substeps, out, blocks
-        )
+        _propagate_parallel(state, action, step_s, parameters, mean_motion_rad_s, hill_coupling, substeps, out, blocks)
     else:
         _propagate_rows(
             state, action, step_s, parameters, mean_motion_rad_s, hill_coupling, substeps, out, 0, len(state)

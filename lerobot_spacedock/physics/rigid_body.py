@@ -101,12 +101,8 @@ def advance_attitude(q, omega, torque, step_s, isotropic, matrices, row, inertia
         middle = axpy(0.5 * step_s, start, omega)
         end = axpy(step_s, start, omega)
     else:
-        k2 = angular_acceleration(
-            axpy(0.5 * step_s, start, omega), torque, matrices, row, inertia_at, inverse_at
-        )
-        k3 = angular_acceleration(
-            axpy(0.5 * step_s, k2, omega), torque, matrices, row, inertia_at, inverse_at
-        )
+        k2 = angular_acceleration(axpy(0.5 * step_s, start, omega), torque, matrices, row, inertia_at, inverse_at)
+        k3 = angular_acceleration(axpy(0.5 * step_s, k2, omega), torque, matrices, row, inertia_at, inverse_at)
         k4 = angular_acceleration(axpy(step_s, k3, omega), torque, matrices, row, inertia_at, inverse_at)
         end = (
             omega[0] + step_s / 6.0 * (start[0] + 2.0 * (k2[0] + k3[0]) + k4[0]),
