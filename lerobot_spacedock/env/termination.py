@@ -1,0 +1,86 @@
+"""How an episode ends, and where exactly: the port plane is met inside a step, not after it."""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from lerobot_spacedock.physics.propagate import propagate_row
+
+RUNNING, CONTACT, COLLISION, CORRIDOR, VOLUME, TIMEOUT, HORIZON, BROKEN = range(8)
+
+# a contact inside the IDSS box is "docked"; BROKEN raises and has no name
+OUTCOMES = {
+    RUNNING: "running",
+    CONTACT: "contact",
+    COLLISION: "collision",
+    CORRIDOR: "corridor",
+    VOLUME: "volume",
+    TIMEOUT: "timeout",
+    HORIZON: "horizon",
+}
+DOCKED = "docked"
+
+CROSSING_TOLERANCE_s = 1e-11  # 1e-11 s at 1 m/s: far below the integration error
+_MAX_BISECTIONS = 60
+
+
+@njit(cache=True)
+def time_of_crossing(before, after, action, step_s, parameters, row, mean_motion, coupling, axial_sign):
+    """When, inside a step, the reference point first meets the port plane coming from outside.
+
+    Args:
+        before, after: 14-tuples, the states at both ends of the step.
+        axial_sign: of the outward normal along y; the other arguments as ``propagate_row``'s.
+
+    Returns:
+        s after the step's start, at which the axial distance is ≤ 0 for the first time (to ``CROSSING_TOLERANCE_s``),
+        or -1.0 where the plane is not met. A dip through the plane and back within the step counts.
+    """
+    start, end = axial_sign * before[1], axial_sign * after[1]
+    if start <= 0.0:
+        return -1.0
+    low, high = 0.0, step_s
+    if end > 0.0:
+        closing_then_opening = axial_sign * before[4] < 0.0 < axial_sign * after[4]
+        # the closest that free deceleration can have come within the step
+        if not closing_then_opening or min(start, end) > -axial_sign * before[4] * step_s:
+            return -1.0
+        for _ in range(_MAX_BISECTIONS):  # to the turning point: where the axial speed changes sign
+            middle = 0.5 * (low + high)
+            state = propagate_row(before, action, middle, parameters, row, mean_motion, coupling, 0)
+            if axial_sign * state[4] < 0.0:
+                low = middle
+            else:
+                high = middle
+        state = propagate_row(before, action, high, parameters, row, mean_motion, coupling, 0)
+        if axial_sign * state[1] > 0.0:
+            return -1.0
+        low = 0.0
+    # bisection, kept on the inner side: at `high` the plane has been reached
+    for _ in range(_MAX_BISECTIONS):
+        if high - low <= CROSSING_TOLERANCE_s:
+            break
+        middle = 0.5 * (low + high)
+        state = propagate_row(before, action, middle, parameters, row, mean_motion, coupling, 0)
+        if axial_sign * state[1] > 0.0:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+@njit(cache=True)
+def judge_place(r, axial_sign, crossed, capture_radius, station_radius, corridor, tangent, mouth_radius, volume_radius):
+    """The outcome code of a place in a contact task; ``crossed``: it is where the port plane was met."""
+    axial, lateral = axial_sign * r[1], math.hypot(r[0], r[2])
+    if crossed and lateral <= capture_radius:
+        return CONTACT
+    if axial <= 0.0 and lateral <= station_radius:
+        return COLLISION
+    if corridor and lateral > mouth_radius + tangent * max(axial, 0.0):
+        return CORRIDOR
+    if math.sqrt(axial * axial + lateral * lateral) > volume_radius:
+        return VOLUME
+    return RUNNING
