@@ -15,7 +15,7 @@ help: ## list the targets
 
 # ---- set-up
 
-$(BIN)/uv: tools/create_venv.sh
+$(BIN)/uv:
 	@tools/create_venv.sh $(VENV)
 	@touch $@
 
@@ -59,9 +59,10 @@ build: $(INSTALLED) ## wheel and source archive in dist/
 	@$(BIN)/python -m build --installer uv
 
 .PHONY: constraints
-constraints: $(INSTALLED) ## pin what .venv holds now
-	@{ head -n 1 constraints.txt; \
-	   $(BIN)/uv pip freeze --python $(BIN)/python --exclude-editable | grep -v ' @ '; } > constraints.txt.new
+constraints: $(BIN)/uv ## pin the newest versions that pyproject.toml allows; test before you commit them
+	@{ echo "# Tested versions, every extra included. Renew: make constraints"; \
+	   $(BIN)/uv pip compile pyproject.toml --all-extras --universal --python-version 3.12 --upgrade --quiet \
+	       --no-header --no-annotate --no-emit-index-url; } > constraints.txt.new
 	@mv constraints.txt.new constraints.txt
 
 .PHONY: clean

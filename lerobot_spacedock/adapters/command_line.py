@@ -1,0 +1,73 @@
+"""What an env config cannot be told by LeRobot: which command runs it, and that command's options.
+
+Stock LeRobot hands an env config neither the output folder nor the number of episodes, and both decide where the
+episode logs go. They are read back from the command line and the file of ``--config_path``, as LeRobot itself does
+for ``--policy.path``; in any other program nothing is guessed.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+COMMANDS = ("lerobot_eval", "lerobot_train")
+
+
+def running_command() -> str | None:
+    """``lerobot_eval`` or ``lerobot_train`` where one of them is what runs (script, ``-m`` or accelerate), or None."""
+    name = Path(sys.argv[0]).stem.replace("-", "_") if sys.argv and sys.argv[0] else ""
+    return name if name in COMMANDS else None
+
+
+def command_option(name: str) -> Any:
+    """The value that the running LeRobot command was given for a dotted option, from flag or file; None if neither."""
+    from lerobot.configs import parser
+
+    if running_command() is None:
+        return None
+    flag = parser.parse_arg(name)
+    return flag if flag is not None else _file_option(parser.parse_arg("config_path"), name)
+
+
+def output_dir() -> Path | None:
+    """The output folder that the running LeRobot command was given, or None where it invents one."""
+    value = command_option("output_dir")
+    return Path(value) if value and value != "null" else None
+
+
+def num_episodes() -> int | None:
+    """How many episodes an evaluation of the running LeRobot command counts; the rest of its last batch is surplus."""
+    from lerobot.configs.default import EvalConfig
+
+    if running_command() is None or _names_a_remote_config():
+        return None
+    value = command_option("eval.n_episodes")
+    return int(value) if value is not None else EvalConfig.n_episodes
+
+
+def _names_a_remote_config() -> bool:
+    from lerobot.configs import parser
+
+    path = parser.parse_arg("config_path")
+    return path is not None and not Path(path).exists()
+
+
+def _file_option(path: str | None, name: str) -> Any:
+    if path is None or not Path(path).exists():
+        return None
+    file = Path(path)
+    if file.is_dir():
+        file = file / "train_config.json"
+    if not file.is_file():
+        return None
+    if file.suffix == ".json":
+        node = json.loads(file.read_text())
+    else:
+        import yaml
+
+        node = yaml.safe_load(file.read_text())
+    for key in name.split("."):
+        node = node.get(key) if isinstance(node, dict) else None
+    return node

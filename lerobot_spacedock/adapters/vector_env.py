@@ -1,0 +1,71 @@
+"""Vector environments that carry the terminal ``info`` out of LeRobot's evaluation, which keeps reward and success.
+
+Subclasses of gymnasium's own, since LeRobot tells Sync from Async by class. Both run with ``NEXT_STEP`` and frozen
+sub-environments (``FreezeAfterEpisodeEnd``), so that a finished episode costs nothing and adds no reward while the
+others of its batch fly on.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+from lerobot.utils.constants import OBS_STATE
+
+from lerobot_spacedock.adapters.evaluation_log import EvaluationLog
+
+
+class _Logging:
+    """Notices each episode's end once, and hands it to the evaluation log."""
+
+    def __init__(self, env_fns, *, log: EvaluationLog | None = None, **options: Any) -> None:
+        self._log = log
+        super().__init__(env_fns, autoreset_mode=AutoresetMode.NEXT_STEP, **options)
+
+    def reset(self, *, seed=None, options=None):
+        observation, info = super().reset(seed=seed, options=options)
+        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed
+        self._finished = np.zeros(self.num_envs, dtype=bool)
+        self._returns = np.zeros(self.num_envs)
+        self._steps = 0
+        if self._log is not None:
+            self._log.start_batch(list(seeds) if seeds is not None else [None] * self.num_envs)
+        return _with_dataset_names(observation), info
+
+    def step(self, actions):
+        observation, reward, terminated, truncated, info = super().step(actions)
+        self._steps += 1
+        self._returns += np.where(self._finished, 0.0, reward)
+        ended = (terminated | truncated) & ~self._finished
+        self._finished |= ended
+        if self._log is not None:
+            for index in np.flatnonzero(ended):
+                counts = {"steps": self._steps, "return": float(self._returns[index])}
+                self._log.finish(int(index), counts | _of_env(info, index))
+        return _with_dataset_names(observation), reward, terminated, truncated, info
+
+
+class LoggingSyncVectorEnv(_Logging, SyncVectorEnv):
+    """One process, one episode after the other within a step."""
+
+
+class LoggingAsyncVectorEnv(_Logging, AsyncVectorEnv):
+    """One process an environment."""
+
+
+def _of_env(info: dict[str, Any], index: int) -> dict[str, Any]:
+    """What one sub-environment put into the batched ``info``."""
+    found = {}
+    for key, values in info.items():
+        mask = info.get(f"_{key}")
+        if mask is not None and mask[index] and not isinstance(values, dict):
+            found[key] = values[index]
+    return found
+
+
+def _with_dataset_names(observation: dict[str, Any]) -> dict[str, Any]:
+    """Adds the state under its dataset name, where ``--eval.recording=true`` looks for it."""
+    if "agent_pos" in observation:
+        return {**observation, OBS_STATE: observation["agent_pos"]}
+    return observation

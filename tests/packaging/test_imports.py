@@ -1,0 +1,64 @@
+"""What importing costs, and which room may import which."""
+
+import importlib
+import pkgutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import lerobot_spacedock
+
+ROOT = Path(__file__).parents[2]
+HEAVY = {"numba", "OpenGL", "pyglet", "matplotlib", "rsl_rl", "rerun", "trimesh", "tensordict"}
+
+
+def loaded_by(statement):
+    code = f"import sys; {statement}; print('\\n'.join(sys.modules))"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    return {name.split(".")[0] for name in result.stdout.split()}
+
+
+def test_the_package_itself_loads_nothing_heavy():
+    assert not (HEAVY | {"torch", "lerobot", "cv2", "scipy"}) & loaded_by("import lerobot_spacedock")
+
+
+def test_discovery_loads_nothing_heavy_beyond_what_lerobot_loads():
+    assert not HEAVY & loaded_by("import lerobot_env_spacedock, lerobot_spacedock.adapters")
+
+
+def test_discovery_adds_nothing_to_what_the_lerobot_command_has_loaded():
+    # An import error or a slow import here would be paid by every lerobot command on the machine.
+    code = (
+        "import sys, lerobot.scripts.lerobot_eval; before = set(sys.modules); import lerobot_env_spacedock;"
+        "print('\\n'.join({m.split('.')[0] for m in set(sys.modules) - before}))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert set(result.stdout.split()) <= {"lerobot_spacedock", "lerobot_env_spacedock"}
+
+
+def test_importing_every_first_level_module_has_no_side_effect(capfd):
+    # What --env.discover_packages_path=lerobot_spacedock does.
+    for module in pkgutil.iter_modules(lerobot_spacedock.__path__, "lerobot_spacedock."):
+        importlib.import_module(module.name)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("module", sorted(path.stem for path in ROOT.glob("lerobot_env_*.py")))
+def test_the_discovered_module_has_the_name_of_the_distribution(module):
+    import tomllib
+
+    assert tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["name"] == module
+
+
+def test_rooms_import_one_way():
+    result = subprocess.run(
+        [sys.executable, "-c", "from importlinter.cli import lint_imports_command; lint_imports_command()"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stdout
+    assert "0 broken" in result.stdout
