@@ -1,0 +1,196 @@
+"""From log files to columns: one pass, episode by episode, memory flat but for some numbers an episode."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from itertools import batched
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+
+from lerobot_spacedock.episode_log import EpisodeLog, read_episode_log
+from lerobot_spacedock.errors import FileFormatError
+from lerobot_spacedock.metrics.catalog import NAMES
+from lerobot_spacedock.metrics.crossing import range_rate
+from lerobot_spacedock.metrics.episode import ATV_CONDITIONS, IDSS_CONDITIONS, episode_metrics
+from lerobot_spacedock.metrics.visitation import CellCounts, count_cells, merge
+from lerobot_spacedock.physics.frames import OBSERVATION_INDICES, POSITION, VELOCITY
+
+COLUMN_NAMES = (*NAMES, *IDSS_CONDITIONS, *ATV_CONDITIONS)
+RANGE_GRID_M = np.linspace(0.0, 30.0, 61)
+TRACES_KEPT = 100  # of each set, for the figures that draw episodes one by one
+BATCH = 64
+POOL_FROM = 600  # files; below, starting workers costs more than they save
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One episode as drawn: file name, times (K+1,), states (K+1, 14) in dataset units, commands (K, 6)."""
+
+    name: str
+    time: np.ndarray
+    state: np.ndarray
+    action: np.ndarray
+
+
+@dataclass
+class EpisodeSet:
+    """All episodes of one run from one set of initial conditions.
+
+    Attributes:
+        columns: per metric, (N,) float64; NaN marks "not defined" and is read through ``values`` only.
+        starts: first states without mass, (N, 13), dataset units.
+        folder: which of the run's folders (training seeds) each episode came from, (N,).
+        names: file names, (N,).
+        closing: closing rate in m/s when the range first fell to each of ``RANGE_GRID_M``, (N, 61); NaN: never.
+        traces: the first ``TRACES_KEPT`` episodes.
+        visits: cells of (y, x) and of (y, z) over every state.
+    """
+
+    columns: dict[str, np.ndarray]
+    starts: np.ndarray
+    folder: np.ndarray
+    names: list[str]
+    closing: np.ndarray
+    traces: list[Trace] = field(default_factory=list)
+    visits: dict[str, CellCounts] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def values(self, name: str) -> np.ndarray:
+        """The defined values of a metric, (M,), M ≤ N."""
+        column = self.columns[name]
+        return column[~np.isnan(column)]
+
+    def count(self, name: str) -> tuple[int, int]:
+        """A flag's (true, defined)."""
+        values = self.values(name)
+        return int(values.sum()), len(values)
+
+
+@dataclass(frozen=True)
+class Exclusion:
+    """A file that does not enter any number, and why."""
+
+    path: str
+    reason: str
+
+
+@dataclass
+class _Part:
+    """What a worker hands back, per set of initial conditions; lists are joined in file order."""
+
+    rows: dict[str, list[tuple]] = field(default_factory=dict)
+    traces: dict[str, list[Trace]] = field(default_factory=dict)
+    visits: dict[str, dict[str, CellCounts]] = field(default_factory=dict)
+    exclusions: list[Exclusion] = field(default_factory=list)
+
+
+def collect(
+    folders: Sequence[Sequence[Path]], *, workers: int | None = None, progress: Iterable | None = None
+) -> tuple[dict[str, EpisodeSet], list[Exclusion]]:
+    """Reads the episode logs of one run.
+
+    Args:
+        folders: per training seed, its files in order.
+        workers: processes; ``None``: as many as there are cores where the files are many, else none.
+        progress: an object with ``update(n)``, such as a tqdm bar.
+
+    Returns:
+        Episodes by set of initial conditions (``unspecified`` where a log does not say), and what was left out.
+    """
+    jobs = [(i, batch) for i, files in enumerate(folders) for batch in batched(files, BATCH)]
+    total = sum(len(files) for files in folders)
+    if workers is None:
+        workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        workers = workers if total >= POOL_FROM else 1
+    joined = _Part()
+    if workers > 1:
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            for part in pool.map(_read_batch, jobs):
+                _join(joined, part, progress)
+    else:
+        for job in jobs:
+            _join(joined, _read_batch(job), progress)
+    return {name: _assemble(joined, name) for name in joined.rows}, joined.exclusions
+
+
+def initial_conditions(log: EpisodeLog) -> str:
+    """The name of the set that an episode's start was drawn from; ``unspecified`` where the log does not say."""
+    stated = log.metadata.get("initial_conditions")
+    return stated if isinstance(stated, str) and stated else "unspecified"
+
+
+def closing_profile(log: EpisodeLog) -> np.ndarray:
+    """m/s, (61,): closing rate when the range first fell to each of ``RANGE_GRID_M``; NaN where it never did."""
+    distance, rate = range_rate(log.state[:, POSITION], log.state[:, VELOCITY])
+    nearest = np.minimum.accumulate(distance)
+    fresh = np.concatenate([[True], nearest[1:] < nearest[:-1]])
+    profile = np.interp(RANGE_GRID_M, nearest[fresh][::-1], -rate[fresh][::-1], left=np.nan, right=np.nan)
+    return profile.astype(np.float32)
+
+
+def _read_batch(job: tuple[int, Sequence[Path]]) -> _Part:
+    folder, files = job
+    part = _Part()
+    points: dict[str, list[np.ndarray]] = {}
+    for path in files:
+        try:
+            log = read_episode_log(path)
+        except (FileFormatError, OSError) as error:
+            part.exclusions.append(Exclusion(str(path), f"not readable: {error}"))
+            continue
+        if log.metadata.get("surplus"):
+            reason = "surplus episode of the last vector batch, beyond the number that was asked for"
+            part.exclusions.append(Exclusion(str(path), reason))
+            continue
+        metrics = episode_metrics(log)
+        name = initial_conditions(log)
+        numbers = [np.nan if metrics[key] is None else float(metrics[key]) for key in COLUMN_NAMES]
+        row = (folder, path.name, numbers, log.state[0, OBSERVATION_INDICES], closing_profile(log))
+        part.rows.setdefault(name, []).append(row)
+        points.setdefault(name, []).append(log.state[:, POSITION])
+        kept = part.traces.setdefault(name, [])
+        if len(kept) < TRACES_KEPT:
+            kept.append(Trace(path.name, log.time, log.state.astype(np.float32), log.action.astype(np.float32)))
+    for name, positions in points.items():
+        xyz = np.concatenate(positions)
+        part.visits[name] = {
+            "yx": count_cells(xyz[:, 1], xyz[:, 0]),
+            "yz": count_cells(xyz[:, 1], xyz[:, 2]),
+        }
+    return part
+
+
+def _join(joined: _Part, part: _Part, progress: object) -> None:
+    count = len(part.exclusions)
+    for name, rows in part.rows.items():
+        count += len(rows)
+        joined.rows.setdefault(name, []).extend(rows)
+        kept = joined.traces.setdefault(name, [])
+        kept.extend(part.traces[name][: TRACES_KEPT - len(kept)])
+        visits = joined.visits.setdefault(name, {"yx": CellCounts(), "yz": CellCounts()})
+        for plane, cells in part.visits[name].items():
+            visits[plane] = merge(visits[plane], cells)
+    joined.exclusions.extend(part.exclusions)
+    if progress is not None:
+        progress.update(count)
+
+
+def _assemble(joined: _Part, name: str) -> EpisodeSet:
+    folder, names, numbers, starts, closing = zip(*joined.rows[name], strict=True)
+    table = np.array(numbers, dtype=np.float64)
+    return EpisodeSet(
+        columns={key: table[:, i] for i, key in enumerate(COLUMN_NAMES)},
+        starts=np.stack(starts),
+        folder=np.array(folder),
+        names=list(names),
+        closing=np.stack(closing),
+        traces=joined.traces[name],
+        visits=joined.visits[name],
+    )

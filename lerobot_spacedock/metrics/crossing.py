@@ -1,0 +1,82 @@
+"""The port plane's crossing, and the closest approach, from logged states alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lerobot_spacedock.physics.contact import Port
+from lerobot_spacedock.physics.frames import MASS, POSITION, QUATERNION, RATE, VELOCITY
+
+BISECTIONS = 60
+
+
+def hermite(
+    p0: np.ndarray, v0: np.ndarray, p1: np.ndarray, v1: np.ndarray, dt: float, s: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Position and velocity at the share ``s`` of a step; exact for a linearly varying acceleration.
+
+    Args:
+        p0, v0, p1, v1: position and velocity at both ends, (3,).
+        dt: s, length of the step.
+        s: in [0, 1].
+    """
+    s2, s3 = s * s, s * s * s
+    position = (2 * s3 - 3 * s2 + 1) * p0 + (s3 - 2 * s2 + s) * dt * v0 + (3 * s2 - 2 * s3) * p1 + (s3 - s2) * dt * v1
+    velocity = (6 * s2 - 6 * s) * (p0 - p1) / dt + (3 * s2 - 4 * s + 1) * v0 + (3 * s2 - 2 * s) * v1
+    return position, velocity
+
+
+def plane_crossing(time: np.ndarray, state: np.ndarray, port: Port) -> tuple[float, np.ndarray] | None:
+    """When and in what state the chaser first passed the port plane from outside.
+
+    Args:
+        time: s, (K+1,).
+        state: SI, (K+1, 14).
+        port: whose plane is meant.
+
+    Returns:
+        Time and state (14,): position and velocity by cubic Hermite interpolation inside the step, attitude and rate
+        linear; ``None`` where the plane was not passed. A state on the plane counts as passed.
+    """
+    axial = port.axis_sign * state[:, 1]
+    inward = np.flatnonzero((axial[:-1] > 0.0) & (axial[1:] <= 0.0))
+    if not inward.size:
+        return None
+    k = int(inward[0])
+    dt = float(time[k + 1] - time[k])
+    if axial[k + 1] == 0.0 or dt <= 0.0:
+        return float(time[k + 1]), state[k + 1].copy()
+    a, b = state[k], state[k + 1]
+    ends = a[POSITION], a[VELOCITY], b[POSITION], b[VELOCITY]
+    low, high = 0.0, 1.0
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        outside = port.axis_sign * hermite(*ends, dt, middle)[0][1] > 0.0
+        low, high = (middle, high) if outside else (low, middle)
+    crossing = a + high * (b - a)
+    crossing[POSITION], crossing[VELOCITY] = hermite(*ends, dt, high)
+    q_b = b[QUATERNION] if np.dot(a[QUATERNION], b[QUATERNION]) >= 0.0 else -b[QUATERNION]
+    q = a[QUATERNION] + high * (q_b - a[QUATERNION])
+    crossing[QUATERNION] = q / np.linalg.norm(q)
+    crossing[RATE], crossing[MASS] = a[RATE] + high * (b[RATE] - a[RATE]), a[MASS] + high * (b[MASS] - a[MASS])
+    return float(time[k] + high * dt), crossing
+
+
+def closest_approach(position: np.ndarray) -> float:
+    """Least distance from the port along the path, straight between states. m, (K+1, 3) → m."""
+    nearest = float(np.linalg.norm(position, axis=1).min())
+    if len(position) < 2:
+        return nearest
+    leg = np.diff(position, axis=0)
+    length2 = np.einsum("ij,ij->i", leg, leg)
+    along = -np.einsum("ij,ij->i", position[:-1], leg)
+    s = np.clip(np.divide(along, length2, out=np.zeros_like(along), where=length2 > 0.0), 0.0, 1.0)
+    return min(nearest, float(np.linalg.norm(position[:-1] + s[:, None] * leg, axis=1).min()))
+
+
+def range_rate(position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Range in m and its rate in m/s (negative: closing); at the port itself the rate is −speed. (K, 3) → (K,)."""
+    distance = np.linalg.norm(position, axis=1)
+    safe = np.where(distance > 0.0, distance, 1.0)
+    rate = np.einsum("ij,ij->i", position, velocity) / safe
+    return distance, np.where(distance > 0.0, rate, -np.linalg.norm(velocity, axis=1))

@@ -1,0 +1,151 @@
+"""One episode log in, every number of ``catalog.CATALOG`` out; ``None`` where a number is not defined."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.metrics.catalog import NAMES
+from lerobot_spacedock.metrics.crossing import closest_approach, plane_crossing
+from lerobot_spacedock.metrics.effort import effort
+from lerobot_spacedock.metrics.smoothness import smoothness
+from lerobot_spacedock.physics import rotations
+from lerobot_spacedock.physics.contact import ZVEZDA_AFT, Port, contact_report, contact_state, get_port
+from lerobot_spacedock.physics.frames import (
+    DEG_TO_RAD,
+    MASS,
+    POSITION,
+    QUATERNION,
+    RATE,
+    VELOCITY,
+    state_from_dataset_units,
+)
+
+AT_PLANE_TOLERANCE_M = 1e-3  # a logged contact this near the plane was taken on it
+CORRIDOR_HALF_ANGLE_rad = 10.0 * DEG_TO_RAD  # the ISS approach cone about the port axis
+CONTACT_NUMBERS = (
+    "lateral_m",
+    "closing_speed_m_s",
+    "lateral_speed_m_s",
+    "pitch_yaw_deg",
+    "roll_deg",
+    "pitch_yaw_rate_deg_s",
+    "roll_rate_deg_s",
+)
+IDSS_CONDITIONS = tuple(
+    f"idss_{name}"
+    for name in (
+        "closing_speed",
+        "lateral",
+        "lateral_speed",
+        "pitch_yaw",
+        "roll",
+        "pitch_yaw_rate",
+        "roll_rate",
+    )
+)
+ATV_CONDITIONS = ("atv_closing_speed", "atv_lateral")
+
+
+def port_of(metadata: Mapping[str, Any]) -> Port:
+    """The port that an episode flew to; Zvezda aft where the log does not say."""
+    config = metadata.get("config")
+    name = metadata.get("port") or (config.get("port") if isinstance(config, Mapping) else None)
+    return get_port(name) if isinstance(name, str) else ZVEZDA_AFT
+
+
+def hill_coupled(metadata: Mapping[str, Any]) -> bool:
+    """Whether logged rates are inertial, the station turning; the reference rollouts (and unknown makers): no."""
+    for source in (metadata, metadata.get("dynamics"), metadata.get("config")):
+        if isinstance(source, Mapping) and "hill_coupling" in source:
+            return bool(source["hill_coupling"])
+    return False
+
+
+def corridor_margin(position: np.ndarray, port: Port) -> np.ndarray:
+    """How far inside the approach corridor states lie; negative outside. m, (K, 3) → m, (K,).
+
+    The corridor is a cone about the port axis, ``CORRIDOR_HALF_ANGLE_rad`` wide on either side, that begins with the
+    port's capture radius at the port plane. States behind the plane are the contact's business, and not counted.
+    """
+    axial = np.maximum(port.axis_sign * position[:, 1], 0.0)
+    allowed = port.capture_radius_m + np.tan(CORRIDOR_HALF_ANGLE_rad) * axial
+    return allowed - np.hypot(position[:, 0], position[:, 2])
+
+
+def misalignment_deg(q_HB: np.ndarray, port: Port) -> float:
+    """Angle between an attitude and the port's docking attitude. (4,), of any length but zero."""
+    error = rotations.multiply(rotations.conjugate(np.array(port.q_nominal)), q_HB)
+    return float(2.0 * np.arctan2(np.linalg.norm(error[1:]), abs(error[0])) / DEG_TO_RAD)
+
+
+def judged_contact(log: EpisodeLog, state: np.ndarray, port: Port) -> dict[str, float | bool]:
+    """The contact that the log states; else the plane's crossing; else (never crossed) the last state.
+
+    Args:
+        log: the episode.
+        state: its states in SI, (K+1, 14).
+        port: the port.
+
+    Returns:
+        As ``physics.contact.contact_report``: numbers, each condition, each box. For a last state off the plane the
+        boxes limit the whole distance, as for the fixed-horizon task.
+    """
+    stated = log.metadata.get("contact")
+    if isinstance(stated, Mapping) and all(name in stated for name in (*CONTACT_NUMBERS, *IDSS_CONDITIONS, "idss")):
+        return dict(stated)
+    crossing = plane_crossing(log.time, state, port)
+    where = state[-1] if crossing is None else crossing[1]
+    report = contact_report(
+        contact_state(where, port, hill_coupling=hill_coupled(log.metadata)), at_plane=crossing is not None
+    )
+    return {name: value.item() for name, value in report.items()}
+
+
+def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
+    """Every number of one episode: the names of ``catalog.NAMES``, then each IDSS and ATV condition."""
+    port = port_of(log.metadata)
+    state = state_from_dataset_units(log.state)
+    position, velocity = state[:, POSITION], state[:, VELOCITY]
+    contact = judged_contact(log, state, port)
+    crossing = plane_crossing(log.time, state, port)
+    at_plane = abs(float(contact.get("axial_m", np.inf))) <= AT_PLANE_TOLERANCE_M
+    crossed = crossing is not None or (at_plane and isinstance(log.metadata.get("contact"), Mapping))
+    outside = corridor_margin(position, port) < 0.0
+    idss = bool(contact["idss"])
+    stated_success = log.metadata.get("success")
+    clipped = log.metadata.get("clipped_actions")
+    seconds = log.extra.get("inference_s")
+    row: dict[str, float | bool | None] = {
+        "steps": float(log.num_steps),
+        "duration_s": float(log.time[-1] - log.time[0]),
+        "start_misalignment_deg": misalignment_deg(state[0, QUATERNION], port),
+        "final_distance_m": float(np.linalg.norm(position[-1])),
+        "final_speed_m_s": float(np.linalg.norm(velocity[-1])),
+        "final_misalignment_deg": misalignment_deg(state[-1, QUATERNION], port),
+        "final_rate_deg_s": float(np.linalg.norm(log.state[-1, RATE])),
+        "closest_approach_m": closest_approach(position),
+        "crossed": crossed,
+        "crossing_time_s": crossing[0] if crossing else (float(log.time[-1]) if crossed else None),
+        **{name: abs(float(contact[name])) if "roll" in name else float(contact[name]) for name in CONTACT_NUMBERS},
+        "success": bool(stated_success) if stated_success is not None else idss,
+        "idss": idss,
+        "atv": bool(contact["atv"]) if "atv" in contact else None,
+        "corridor_violated": bool(outside.any()),
+        "corridor_share": float(outside.mean()),
+        "fly_through": crossed and not idss,
+        **smoothness(log.action, log.dt),
+        **effort(log.action, log.dt, state[:, MASS]),
+        "clipped_actions": float(clipped) if isinstance(clipped, int | float) else None,
+        "reward_sum": float(log.reward.sum()),
+        "inference_ms": float(np.mean(seconds) * 1e3) if seconds is not None and len(seconds) else None,
+    }
+    ordered = {name: row[name] for name in NAMES}
+    return ordered | {name: _flag(contact.get(name)) for name in (*IDSS_CONDITIONS, *ATV_CONDITIONS)}
+
+
+def _flag(value: object) -> bool | None:
+    return None if value is None else bool(value)

@@ -1,0 +1,152 @@
+"""How figures look: Okabe and Ito's colours, told apart by line and marker as well, inks that the page can change."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito 2008
+LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
+MARKERS = ("o", "s", "^", "D", "v", "P")
+INK = "#1b1b1f"
+MUTED = "#6b6b76"
+GRID = "#d9d9e0"
+LIMIT = "#9a6700"  # boxes, gates, rings: what a state is measured against
+_PAGE_COLOURS = {INK: "var(--ink)", MUTED: "var(--muted)", GRID: "var(--grid)", LIMIT: "var(--limit)"}
+PANEL_IN = (4.2, 3.1)
+DPI = 160
+
+RC = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.labelsize": 9,
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.use_mathtext": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "spacedock",
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "savefig.facecolor": "none",
+}
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One set of axes: ``draw`` fills it."""
+
+    title: str
+    draw: Callable[[Axes], None]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of panels.
+
+    Attributes:
+        key: file name and anchor, for example ``figure3_same``.
+        title: one line.
+        caption: what is drawn, with units and counts.
+        panels: in reading order.
+        columns: panels a row, for paper.
+        panel_in: width and height of a panel in inches.
+    """
+
+    key: str
+    title: str
+    caption: str
+    panels: tuple[Panel, ...]
+    columns: int = 2
+    panel_in: tuple[float, float] = PANEL_IN
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Our settings for as long as drawing lasts; the caller's matplotlib is left as it was."""
+    with matplotlib.rc_context(RC):
+        yield
+
+
+def run_style(place: int) -> dict[str, object]:
+    """Colour, line and marker of the run at this place; beyond six they repeat in another pairing."""
+    n = len(COLOURS)
+    return {
+        "color": COLOURS[place % n],
+        "linestyle": LINES[(place + place // n) % n],
+        "marker": MARKERS[(place + 2 * (place // n)) % n],
+    }
+
+
+def write_paper_files(figure: Figure, folder: Path) -> list[Path]:
+    """The whole figure as PNG (white ground) and SVG. Returns the paths written."""
+    with styled():
+        canvas = _compose(figure)
+        paths = [folder / f"{figure.key}.png", folder / f"{figure.key}.svg"]
+        canvas.savefig(paths[0], dpi=DPI, facecolor="white")
+        canvas.savefig(paths[1], facecolor="white", metadata={"Date": None})
+    return paths
+
+
+def panel_svgs(figure: Figure) -> list[str]:
+    """Each panel as an SVG element for the page: clear ground, inks as CSS variables, ids of its own."""
+    elements = []
+    with styled():
+        for index, panel in enumerate(figure.panels):
+            canvas = Canvas(figsize=figure.panel_in, layout="constrained")
+            axes = canvas.add_subplot()
+            panel.draw(axes)
+            axes.set_title(panel.title)
+            buffer = io.StringIO()
+            canvas.savefig(buffer, format="svg", metadata={"Date": None})
+            elements.append(_for_page(buffer.getvalue(), f"{figure.key}-{index}", panel.title))
+    return elements
+
+
+def _compose(figure: Figure) -> Canvas:
+    columns = min(figure.columns, len(figure.panels))
+    rows = -(-len(figure.panels) // columns)
+    width, height = figure.panel_in
+    canvas = Canvas(figsize=(width * columns, height * rows), layout="constrained")
+    for index, panel in enumerate(figure.panels):
+        axes = canvas.add_subplot(rows, columns, index + 1)
+        panel.draw(axes)
+        axes.set_title(panel.title)
+    return canvas
+
+
+def _for_page(svg: str, prefix: str, label: str) -> str:
+    svg = svg[svg.index("<svg") :].rstrip()
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.S)
+    for ink, variable in _PAGE_COLOURS.items():
+        svg = svg.replace(ink, variable)
+    svg = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', svg)
+    svg = re.sub(r'(xlink:href|href)="#', rf'\1="#{prefix}-', svg)
+    svg = svg.replace("url(#", f"url(#{prefix}-")
+    svg = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", svg, count=1)
+    svg = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", svg, count=1)
+    name = label.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    return svg.replace("<svg", f'<svg role="img" aria-label="{name}"', 1)

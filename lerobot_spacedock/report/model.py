@@ -1,0 +1,69 @@
+"""What a report is made of: runs, their episodes, and what was stated about their training."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from lerobot_spacedock.metrics.collect import EpisodeSet, Exclusion
+from lerobot_spacedock.report.runs import RunSpec
+
+ORDER = ("same", "random", "same_dispersed")
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What a method saw on its way; ``None``: not stated."""
+
+    training_episodes: int | None = None
+    training_interactions: int | None = None
+    demonstrations: int | None = None
+    demonstration_interactions: int | None = None
+    flown_episodes: int | None = None
+
+
+@dataclass
+class Run:
+    """One label: its episodes by set of initial conditions."""
+
+    spec: RunSpec
+    sets: dict[str, EpisodeSet]
+    exclusions: list[Exclusion] = field(default_factory=list)
+    samples: Samples | None = None
+
+    @property
+    def label(self) -> str:
+        return self.spec.label
+
+
+@dataclass
+class Study:
+    """All runs of a report, in the order given.
+
+    Attributes:
+        reference: label of the run whose Δv others are set against; ``None``: there is none.
+    """
+
+    runs: list[Run]
+    reference: str | None = None
+
+    def conditions(self) -> list[str]:
+        """Sets of initial conditions that any run has, the paper's first."""
+        names = {name for run in self.runs for name in run.sets}
+        return [name for name in ORDER if name in names] + sorted(names - set(ORDER))
+
+    def flown(self, conditions: str) -> Iterator[tuple[Run, EpisodeSet]]:
+        """Runs that flew this set, with their episodes."""
+        for run in self.runs:
+            if conditions in run.sets:
+                yield run, run.sets[conditions]
+
+    def groups(self) -> Iterator[tuple[str, Run, EpisodeSet]]:
+        """(conditions, run, episodes), set by set."""
+        for conditions in self.conditions():
+            for run, episodes in self.flown(conditions):
+                yield conditions, run, episodes
+
+    def colour(self, run: Run) -> int:
+        """Place of a run, which fixes its colour, line and marker in every figure."""
+        return self.runs.index(run)
