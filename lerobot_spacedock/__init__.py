@@ -3,4 +3,8 @@
 Importing this registers the gymnasium ids and loads nothing heavy (no numba, GL, matplotlib or rsl-rl).
 """
 
+from lerobot_spacedock.env.registration import register_envs
+
 __version__ = "0.1.0"
+
+register_envs()

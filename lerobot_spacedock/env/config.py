@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from dataclasses import dataclass, field
+from typing import Any
 
+from lerobot_spacedock.camera.config import CameraConfig
 from lerobot_spacedock.env.reward_config import RewardConfig
-from lerobot_spacedock.env.scenario_config import MetaRanges
+from lerobot_spacedock.env.scenario_config import MetaRanges, get_initial_conditions
+from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.physics.contact import get_port
 
 OBS_TYPES = ("pixels_agent_pos", "agent_pos", "pixels")
 TIME_STEP_MODES = ("normal", "fixed")
@@ -60,3 +66,85 @@ class TaskConfig:
     corridor: CorridorConfig = field(default_factory=CorridorConfig)
     meta: MetaRanges = field(default_factory=MetaRanges)
     reward: RewardConfig = field(default_factory=RewardConfig)
+
+    def __post_init__(self) -> None:
+        get_initial_conditions(self.initial_conditions)
+        get_port(self.port)
+        _one_of("dynamics", self.dynamics, DYNAMICS)
+        _one_of("time_step", self.time_step, TIME_STEP_MODES)
+        if isinstance(self.max_steps, bool) or not isinstance(self.max_steps, int) or self.max_steps < 1:
+            raise InputError("max_steps", self.max_steps, "an integer ≥ 1")
+        for name in ("time_step_mean_s", "time_step_min_s", "thrust_limit_N", "torque_limit_Nm", "volume_radius_m"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise InputError(name, getattr(self, name), "a finite number > 0")
+        if not (0.0 <= self.time_step_std_s < math.inf and self.time_step_min_s <= self.time_step_max_s < math.inf):
+            given = (self.time_step_std_s, self.time_step_min_s, self.time_step_max_s)
+            raise InputError("time_step_std_s, time_step_min_s, time_step_max_s", given, "0 ≤ std, min ≤ max, finite")
+
+
+@dataclass(frozen=True)
+class SpaceDockConfig(TaskConfig):
+    """The gymnasium environment: a task, and what is seen and kept of it."""
+
+    # the gymnasium id that this configuration was made under
+    env_id: str = "SpaceDock-v0"
+    # pixels_agent_pos | agent_pos | pixels; agent_pos renders nothing at all
+    obs_type: str = "pixels_agent_pos"
+    # the state carries the mass after the velocity, as the authors' published dataset does
+    with_mass: bool = False
+    # the state holds velocity and rates only, so that the camera alone knows position and attitude
+    withhold_pose: bool = False
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    # software | pyrender
+    renderer: str = "software"
+    # fixed | random | orbit | eclipse: the Sun, as in the paper, drawn per episode, moving with the orbit, or hidden
+    sun: str = "fixed"
+    # a mesh file (glb, obj, …) to show in place of the built-in station
+    station_mesh: str | None = None
+    # 16 numbers, row by row: 4×4 transform of that mesh's coordinates (m) into Hill axes at the port
+    station_pose: tuple[float, ...] | None = None
+    # folder into which each finished episode is written as a log; none are written without it
+    log_dir: str | None = None
+    # name of the policy that flies, kept in the logs
+    label: str | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _one_of("obs_type", self.obs_type, OBS_TYPES)
+        _one_of("sun", self.sun, SUNS)
+        if self.station_pose is not None and len(self.station_pose) != 16:
+            raise InputError("station_pose", self.station_pose, "16 numbers, a 4×4 matrix row by row")
+        if self.camera.port != self.port:
+            object.__setattr__(self, "camera", dataclasses.replace(self.camera, port=self.port))
+
+    @property
+    def uses_camera(self) -> bool:
+        """Whether an observation holds a picture."""
+        return self.obs_type != "agent_pos"
+
+    @classmethod
+    def from_options(cls, **options: Any) -> SpaceDockConfig:
+        """Builds a configuration from keywords; nested ones (``camera``, ``reward``, …) may be dicts of overrides.
+
+        Raises:
+            InputError: an unknown option; the message lists the known ones.
+        """
+        return _build(cls, options, "env")
+
+
+def _build(cls: type, options: dict[str, Any], path: str) -> Any:
+    known = {f.name: f for f in dataclasses.fields(cls)}
+    for name in options:
+        if name not in known:
+            raise InputError(f"{path}.{name}", options[name], f"one of the options {', '.join(sorted(known))}")
+    values = dict(options)
+    for name, value in options.items():
+        factory = known[name].default_factory
+        if isinstance(value, dict) and dataclasses.is_dataclass(factory):
+            values[name] = _build(factory, value, f"{path}.{name}")
+    return cls(**values)
+
+
+def _one_of(name: str, value: object, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise InputError(name, value, " | ".join(allowed))
