@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit, prange
+from numba import prange
 
 from lerobot_spacedock.env.random import STREAM_NEXT, STREAM_NOISE, bits, normal_pair
 from lerobot_spacedock.env.reward import step_terms
@@ -27,6 +27,7 @@ from lerobot_spacedock.env.termination import (
     judge_place,
     time_of_crossing,
 )
+from lerobot_spacedock.jit import jit
 from lerobot_spacedock.physics.propagate import propagate_row
 from lerobot_spacedock.physics.rigid_body import (
     axpy,
@@ -38,7 +39,7 @@ from lerobot_spacedock.physics.rigid_body import (
 RAD_TO_DEG = 180.0 / math.pi
 
 
-@njit(cache=True)
+@jit
 def reset_rows(rows, sim, task):
     """Starts the episodes of ``rows`` from their keys ``sim.key``."""
     for at in range(len(rows)):
@@ -60,14 +61,14 @@ def reset_rows(rows, sim, task):
             sim.previous[i, j] = 0.0
 
 
-@njit(cache=True)
+@jit
 def next_keys(rows, sim):
     """Gives ``rows`` the keys of their next episodes: a chain that starts at the first key."""
     for at in range(len(rows)):
         sim.key[rows[at]] = bits(sim.key[rows[at]], STREAM_NEXT, 0)
 
 
-@njit(cache=True)
+@jit
 def step_row(i, action, grid, sim, task):
     """Flies row ``i`` over one step; a row that has ended stays as it is."""
     if sim.code[i] != RUNNING:
@@ -144,20 +145,20 @@ def step_row(i, action, grid, sim, task):
         omega = axpy(-1.0, rotate_vector_inverse(q, (0.0, 0.0, n)), omega)
     sim.reward[i] = step_terms(
         task.axial_sign, (after[0], after[1], after[2]), (after[3], after[4], after[5]),
-        error, omega, held, previous, task.limits, task.weights, sim.terms, i,
+        error, omega, held, previous, sim.step[i] == 1, task.weights, sim.terms, i,
     )  # fmt: skip
     for j in range(6):
         sim.previous[i, j] = held[j]
 
 
-@njit(cache=True)
+@jit
 def step_rows(first, last, action, grid, sim, task):
     """Flies rows ``first`` to ``last`` - 1 over one step."""
     for i in range(first, last):
         step_row(i, action, grid, sim, task)
 
 
-@njit(cache=True, parallel=True)
+@jit(parallel=True)
 def step_parallel(blocks, action, grid, sim, task):
     """The same as ``step_rows`` over all rows, in blocks over numba's threads; the same to the bit."""
     count = len(sim.step)
@@ -165,7 +166,7 @@ def step_parallel(blocks, action, grid, sim, task):
         step_rows(b * count // blocks, (b + 1) * count // blocks, action, grid, sim, task)
 
 
-@njit(cache=True)
+@jit
 def observe_rows(first, last, sim, out):
     """Fills ``out`` (N, 14) float64 with what the sensors give, in the dataset's order and units (deg/s)."""
     for i in range(first, last):
@@ -178,7 +179,7 @@ def observe_rows(first, last, sim, out):
             out[i, 11 + j] *= RAD_TO_DEG
 
 
-@njit(cache=True, parallel=True)
+@jit(parallel=True)
 def observe_parallel(blocks, sim, out):
     """The same as ``observe_rows`` over all rows, in blocks over numba's threads."""
     count = len(sim.step)
@@ -186,7 +187,7 @@ def observe_parallel(blocks, sim, out):
         observe_rows(b * count // blocks, (b + 1) * count // blocks, sim, out)
 
 
-@njit(cache=True)
+@jit
 def _add_sensor_errors(i, sim, out):
     key, sensor = sim.key[i], sim.sensor
     at = 6 * sim.step[i]

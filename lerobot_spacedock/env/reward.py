@@ -1,8 +1,12 @@
-"""The reward: bounded terms, each a function of its own; Numba rows for the steps, NumPy for the terminal bonus.
+"""The reward: terms that are functions of their own; Numba rows for the steps, NumPy for the terminal bonus.
 
-Per step ``scale * (alive - Σ weight_i * cost_i)`` with every cost in [0, 1]; at the end of an episode
-``scale * terminal * Σ bonus_j`` on top, each bonus in [0, 1] times its published factor. Costs are built of a slope
-that is felt from far away and a well that is felt near the goal, so that there is a gradient everywhere.
+Per step ``scale * (alive - Σ weight_i * cost_i)``. Each cost is a logarithmic well: quadratic where the error is small
+against its scale, so that the best behaviour is a smooth one, and logarithmic far away, so that metres and centimetres,
+tumbling and a tenth of a degree are felt alike and no single term drowns the others. At the end of an episode
+``scale * terminal * Σ bonus_j`` on top, each bonus in [0, 1] times its published factor.
+
+Wanted is a velocity that depends on the place alone (``SpeedProfile`` along the axis, a time constant across it) and a
+rate that depends on the attitude alone: nothing in the reward has a clock, so neither has the policy that it makes.
 """
 
 from __future__ import annotations
@@ -10,11 +14,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from lerobot_spacedock.env.reward_config import RewardConfig
+from lerobot_spacedock.env.speed_profile import SpeedProfile
+from lerobot_spacedock.jit import jit
 
-STEP_TERMS = ("alive", "velocity", "lateral", "attitude", "rate", "effort", "smoothness")
+STEP_TERMS = ("alive", "closing", "drift", "lateral", "attitude", "rate", "smoothness")
 TERMINAL_FACTORS = {
     "miss_fine": 5.0,
     "miss": 5.0,
@@ -25,75 +30,70 @@ TERMINAL_FACTORS = {
     "idss": 10.0,
 }
 
+_SCALARS = (
+    "lateral_time_s",
+    "attitude_time_s",
+    "alive",
+    "closing",
+    "closing_scale_m_s",
+    "drift",
+    "drift_scale_m_s",
+    "lateral",
+    "lateral_scale_m",
+    "attitude",
+    "attitude_scale_deg",
+    "rate",
+    "rate_scale_deg_s",
+    "smoothness",
+    "scale",
+)
+# where each stands in the packed weights; the speed table follows
+(
+    LATERAL_TIME, ATTITUDE_TIME, ALIVE, CLOSING, CLOSING_SCALE, DRIFT, DRIFT_SCALE, LATERAL, LATERAL_SCALE,
+    ATTITUDE, ATTITUDE_SCALE, RATE, RATE_SCALE, SMOOTHNESS, SCALE,
+) = range(15)  # fmt: skip
+TABLE = 15
+TABLE_SPACING_m = 0.05
+TABLE_SIZE = 801  # to 40 m; farther out the last value holds
 
-def packed_weights(config: RewardConfig) -> np.ndarray:
-    """The kernel's layout, (13,) float64."""
-    return np.array(
-        [
-            config.closing_speed_m_s,
-            config.profile_deceleration_m_s2,
-            config.profile_max_speed_m_s,
-            config.lateral_time_s,
-            config.attitude_time_s,
-            config.alive,
-            config.velocity,
-            config.lateral,
-            config.attitude,
-            config.rate,
-            config.effort,
-            config.smoothness,
-            config.scale,
-        ]
+
+def speed_profile(config: RewardConfig) -> SpeedProfile:
+    """The closing speed that the reward asks for."""
+    return SpeedProfile(
+        contact_m_s=config.closing_speed_m_s,
+        cruise_m_s=config.cruise_speed_m_s,
+        braking_s=config.braking_time_s,
+        power=config.braking_power,
     )
 
 
-@njit(cache=True, inline="always")
-def well(value, width):
-    """0 at 0, towards 1 beyond ``width``: a Gaussian well."""
-    return 1.0 - math.exp(-((value / width) ** 2))
+def packed_weights(config: RewardConfig) -> np.ndarray:
+    """The kernel's layout, (TABLE + TABLE_SIZE,) float64."""
+    scalars = [getattr(config, name) for name in _SCALARS]
+    return np.concatenate([scalars, speed_profile(config).sampled(TABLE_SPACING_m, TABLE_SIZE)])
 
 
-@njit(cache=True, inline="always")
-def slope(value, width):
-    """Linear from 0 to 1 at ``width``, then 1."""
-    return min(value / width, 1.0)
+@jit(inline="always")
+def log_well(value, scale):
+    """``½ ln(1 + (value / scale)²)``."""
+    return 0.5 * math.log1p((value / scale) ** 2)
 
 
-@njit(cache=True)
-def velocity_cost(velocity_error_m_s):
-    """Distance from the wanted velocity, m/s, in [0, 1]."""
-    e = velocity_error_m_s
-    return 0.19 * slope(e, 2.0) + 0.26 * slope(e, 0.5) + 0.23 * well(e, 0.03) + 0.32 * (1.0 - math.exp(-e / 0.12))
+@jit
+def wanted_closing_speed(axial_m, weights):
+    """m/s, at an axial distance: linear between the table's entries, constant beyond its ends."""
+    at = axial_m / TABLE_SPACING_m
+    if at <= 0.0:
+        return weights[TABLE]
+    left = int(at)
+    if left >= TABLE_SIZE - 1:
+        return weights[TABLE + TABLE_SIZE - 1]
+    fraction = at - left
+    return (1.0 - fraction) * weights[TABLE + left] + fraction * weights[TABLE + left + 1]
 
 
-@njit(cache=True)
-def lateral_cost(lateral_m):
-    """Offset from the docking axis, m, in [0, 1]."""
-    return 0.25 * slope(lateral_m, 10.0) + 0.375 * slope(lateral_m, 1.0) + 0.375 * well(lateral_m, 0.1)
-
-
-@njit(cache=True)
-def attitude_cost(angle_deg):
-    """Angle to the nominal attitude, deg, in [0, 1]."""
-    return 0.375 * slope(angle_deg, 60.0) + 0.25 * slope(angle_deg, 10.0) + 0.375 * well(angle_deg, 1.5)
-
-
-@njit(cache=True)
-def rate_cost(rate_error_deg_s, rate_deg_s):
-    """Distance from the wanted rate, and the rate itself, deg/s, in [0, 1]."""
-    near, far = well(rate_error_deg_s, 0.15), slope(rate_error_deg_s, 2.0)
-    return 0.43 * near + 0.43 * far + 0.14 * slope(rate_deg_s, 5.0)
-
-
-@njit(cache=True)
-def wanted_velocity(axial_m, x, z, weights):
-    """(closing speed, x rate, z rate), m/s, that the reward asks for at a place: a law of the place alone."""
-    speed = min(math.sqrt(weights[0] ** 2 + 2.0 * weights[1] * max(axial_m, 0.0)), weights[2])
-    return speed, -x / weights[3], -z / weights[3]
-
-
-@njit(cache=True)
-def step_terms(axial_sign, r, v, error, omega, action, previous, limits, weights, terms, i):
+@jit
+def step_terms(axial_sign, r, v, error, omega, action, previous, first, weights, terms, i):
     """Fills ``terms[i]`` with the weighted terms (``STEP_TERMS``, costs negative) and returns their sum.
 
     Args:
@@ -101,39 +101,38 @@ def step_terms(axial_sign, r, v, error, omega, action, previous, limits, weights
         r: m, 3-tuple, Hill. v: m/s.
         error: 4-tuple, attitude relative to nominal, body axes.
         omega: rad/s, 3-tuple, body rate relative to the station.
-        action, previous: 6-tuples, N and N·m; limits: (6,) their bounds.
+        action, previous: 6-tuples, N and N·m.
+        first: there is no previous command.
         weights: ``packed_weights``.
     """
-    axial = axial_sign * r[1]
-    lateral = math.hypot(r[0], r[2])
-    speed, wanted_x, wanted_z = wanted_velocity(axial, r[0], r[2], weights)
-    velocity_error = math.sqrt((-axial_sign * v[1] - speed) ** 2 + (v[0] - wanted_x) ** 2 + (v[2] - wanted_z) ** 2)
+    w = weights
+    closing_error = -axial_sign * v[1] - wanted_closing_speed(axial_sign * r[1], w)
+    drift_error = math.hypot(v[0] + r[0] / w[LATERAL_TIME], v[2] + r[2] / w[LATERAL_TIME])
 
     sign = 1.0 if error[0] >= 0.0 else -1.0
     sine = math.sqrt(error[1] ** 2 + error[2] ** 2 + error[3] ** 2)
     angle = 2.0 * math.atan2(sine, abs(error[0]))
-    per_sine = sign * (angle / sine if sine > 1e-12 else 2.0) / weights[4]
+    per_sine = sign * (angle / sine if sine > 1e-12 else 2.0) / w[ATTITUDE_TIME]
     to_deg = 180.0 / math.pi
     rate_error = to_deg * math.sqrt(
         (omega[0] + per_sine * error[1]) ** 2
         + (omega[1] + per_sine * error[2]) ** 2
         + (omega[2] + per_sine * error[3]) ** 2
     )
-    rate = to_deg * math.sqrt(omega[0] ** 2 + omega[1] ** 2 + omega[2] ** 2)
 
-    effort, change = 0.0, 0.0
-    for j in range(6):
-        effort += (action[j] / limits[j]) ** 2 / 6.0
-        change += ((action[j] - previous[j]) / (2.0 * limits[j])) ** 2 / 6.0
+    change = 0.0
+    if not first:
+        for j in range(6):
+            change += (action[j] - previous[j]) ** 2
 
-    scale = weights[12]
-    terms[i, 0] = scale * weights[5]
-    terms[i, 1] = -scale * weights[6] * velocity_cost(velocity_error)
-    terms[i, 2] = -scale * weights[7] * lateral_cost(lateral)
-    terms[i, 3] = -scale * weights[8] * attitude_cost(to_deg * angle)
-    terms[i, 4] = -scale * weights[9] * rate_cost(rate_error, rate)
-    terms[i, 5] = -scale * weights[10] * effort
-    terms[i, 6] = -scale * weights[11] * change
+    scale = w[SCALE]
+    terms[i, 0] = scale * w[ALIVE]
+    terms[i, 1] = -scale * w[CLOSING] * log_well(closing_error, w[CLOSING_SCALE])
+    terms[i, 2] = -scale * w[DRIFT] * log_well(drift_error, w[DRIFT_SCALE])
+    terms[i, 3] = -scale * w[LATERAL] * log_well(math.hypot(r[0], r[2]), w[LATERAL_SCALE])
+    terms[i, 4] = -scale * w[ATTITUDE] * log_well(to_deg * angle, w[ATTITUDE_SCALE])
+    terms[i, 5] = -scale * w[RATE] * log_well(rate_error, w[RATE_SCALE])
+    terms[i, 6] = -scale * w[SMOOTHNESS] * math.sqrt(change)
     total = 0.0
     for j in range(7):
         total += terms[i, j]

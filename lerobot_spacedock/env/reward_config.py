@@ -7,33 +7,45 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class RewardConfig:
-    """Every step: ``alive`` minus the weighted costs, each cost in [0, 1]; at the end: the weighted bonuses."""
+    """Every step: ``alive`` minus the weighted costs; at the end: the weighted bonuses."""
 
     # m/s, closing speed wanted at contact
     closing_speed_m_s: float = 0.075
-    # m/s², deceleration of the wanted speed profile
-    profile_deceleration_m_s2: float = 0.017
-    # m/s, cap of the wanted speed
-    profile_max_speed_m_s: float = 0.75
+    # m/s, wanted far away
+    cruise_speed_m_s: float = 0.84
+    # s, time to go at which braking from the cruise speed begins
+    braking_time_s: float = 30.0
+    # speed over time to go is this power of it; above 1 it is flat at the port
+    braking_power: float = 1.6
     # s, time constant with which a lateral offset is to be closed
-    lateral_time_s: float = 8.0
+    lateral_time_s: float = 10.0
     # s, time constant with which an attitude error is to be closed
-    attitude_time_s: float = 5.0
+    attitude_time_s: float = 8.0
     # a step without any cost
-    alive: float = 0.3
-    # cost of the velocity's distance from the wanted one
-    velocity: float = 1.55
+    alive: float = 3.0
+    # cost of the closing speed's distance from the wanted one, …
+    closing: float = 1.0
+    # … and its scale, m/s: quadratic below, logarithmic above
+    closing_scale_m_s: float = 0.02
+    # cost of the lateral velocity's distance from the wanted one
+    drift: float = 0.3
+    # its scale, m/s
+    drift_scale_m_s: float = 0.01
     # cost of the lateral offset
-    lateral: float = 0.8
+    lateral: float = 0.25
+    # its scale, m
+    lateral_scale_m: float = 0.015
     # cost of the angle to the nominal attitude
-    attitude: float = 0.8
+    attitude: float = 0.25
+    # its scale, deg
+    attitude_scale_deg: float = 0.5
     # cost of the angular rate's distance from the wanted one
-    rate: float = 0.7
-    # cost of the command itself, normalised by its limits
-    effort: float = 0.06
-    # cost of the command's change from the last step, normalised by its limits
-    smoothness: float = 0.6
+    rate: float = 0.3
+    # its scale, deg/s
+    rate_scale_deg_s: float = 0.05
+    # cost of each N (and N·m) by which the command changes from the last step: the norm of the paper's Eq. 4
+    smoothness: float = 0.03
     # factor on all terminal bonuses
-    terminal: float = 2.0
-    # factor on everything, so that returns are of order one
+    terminal: float = 20.0
+    # factor on everything, so that returns are of order ten
     scale: float = 0.1
