@@ -148,7 +148,8 @@ def table4(study: Study) -> Table:
     notes = (
         "Mean over an episode's steps of ‖a_{k+1} − a_k‖, a in N and N·m together as in the paper's Eq. 4; std is "
         "the sample's (n − 1).",
-        f"The last row recomputes Welch's test from the printed means and spreads; the paper states df = {paper.WELCH_DF}.",
+        "The last row recomputes Welch's test from the printed means and spreads; the paper states "
+        f"df = {paper.WELCH_DF}.",
         *sorted(remarks),
     )
     return Table("table4", "Table 4. Smoothness of the commands", head, tuple(rows), notes, 2, frozenset(reference))

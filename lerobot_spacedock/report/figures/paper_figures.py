@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from scipy import stats
 
 from lerobot_spacedock.metrics.collect import EpisodeSet, Trace
@@ -35,7 +36,8 @@ def figure3(study: Study, conditions: str) -> Figure:
     return Figure(
         f"figure3_{conditions}",
         f"Figure 3. Trajectories, starts “{conditions}”",
-        f"Position in m, port at the origin, ring of {RING_M:.0f} m about it; dots: last states. Episodes drawn: {counts}.",
+        f"Position in m, port at the origin, ring of {RING_M:.0f} m about it (axes not to one scale); dots: last "
+        f"states. Episodes drawn: {counts}.",
         panels,
     )
 
@@ -175,9 +177,9 @@ def _contours(ax: Axes, plane_map: tuple, levels: np.ndarray, letter: str) -> No
     y, w, grid = plane_map
     if grid.max() >= levels[0]:
         filled = ax.contourf(y, w, grid, levels=levels, cmap="viridis", norm="log", extend="max")
-        bar = ax.figure.colorbar(filled, ax=ax, pad=0.02)
-        bar.set_ticks(levels[[0, 3, 6, 9]], labels=[f"{level:.2g}" for level in levels[[0, 3, 6, 9]]])
-        bar.ax.minorticks_off()
+        shown = levels[[0, 3, 6, 9]]
+        bar = ax.figure.colorbar(filled, ax=ax, pad=0.02, ticks=FixedLocator(shown), format=FuncFormatter(_short))
+        bar.ax.yaxis.set_minor_locator(NullLocator())
         bar.set_label("1/m²")
         bar.outline.set_edgecolor(GRID)
     ax.add_patch(Circle((0, 0), RING_M, fill=False, ec=LIMIT, lw=1.2))
@@ -193,3 +195,7 @@ def _normal_plot(ax: Axes, study: Study, run: Run, episodes: EpisodeSet) -> None
         ends = np.array([quantiles[0], quantiles[-1]])
         ax.plot(ends, values.mean() + values.std(ddof=1) * ends, color=MUTED, lw=1)
     ax.set(xlabel="normal quantile", ylabel="‖Δa‖ (N, N·m mixed)")
+
+
+def _short(value: float, _: object = None) -> str:
+    return f"{value:.2g}"

@@ -37,7 +37,6 @@ RC = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
-    "axes.formatter.use_mathtext": True,
     "grid.color": GRID,
     "grid.linewidth": 0.6,
     "text.color": INK,
@@ -120,6 +119,7 @@ def panel_svgs(figure: Figure) -> list[str]:
             axes = canvas.add_subplot()
             panel.draw(axes)
             axes.set_title(panel.title)
+            _settle(canvas)
             buffer = io.StringIO()
             canvas.savefig(buffer, format="svg", metadata={"Date": None})
             elements.append(_for_page(buffer.getvalue(), f"{figure.key}-{index}", panel.title))
@@ -135,7 +135,14 @@ def _compose(figure: Figure) -> Canvas:
         axes = canvas.add_subplot(rows, columns, index + 1)
         panel.draw(axes)
         axes.set_title(panel.title)
+    _settle(canvas)
     return canvas
+
+
+def _settle(canvas: Canvas) -> None:
+    """Lays the figure out once; otherwise each file written does it again, twice."""
+    canvas.draw_without_rendering()
+    canvas.set_layout_engine("none")
 
 
 def _for_page(svg: str, prefix: str, label: str) -> str:
