@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from lerobot_spacedock.env.random import (
     STREAM_CHASER,
     STREAM_SENSOR,
@@ -14,6 +12,7 @@ from lerobot_spacedock.env.random import (
     normal_pair,
     uniform_between,
 )
+from lerobot_spacedock.jit import jit
 from lerobot_spacedock.physics import chaser as p
 from lerobot_spacedock.physics.constants import (
     CHASER_INERTIA_kg_m2,
@@ -30,7 +29,7 @@ SENSOR_RANGE_NOISE = 16  # 1: position noise as a fraction of the range
 SENSOR_DIM = 17
 
 
-@njit(cache=True)
+@jit
 def draw_start(key, bounds, mirror, q_nominal, mass, state, i):
     """Fills ``state[i]`` with a start: see ``InitialConditions.bounds``; ``mirror`` carries it to the port's side."""
     for j in range(3):
@@ -53,7 +52,7 @@ def draw_start(key, bounds, mirror, q_nominal, mass, state, i):
         state[i, 7 + j] = q[j]
 
 
-@njit(cache=True)
+@jit
 def set_nominal_chaser(parameters, i):
     """Fills ``parameters[i]`` with the reference chaser and returns its mass, kg."""
     for j in range(p.PARAMETER_DIM):
@@ -68,7 +67,7 @@ def set_nominal_chaser(parameters, i):
     return CHASER_MASS_kg
 
 
-@njit(cache=True)
+@jit
 def draw_chaser(key, ranges, parameters, i):
     """Fills ``parameters[i]`` with a chaser of the meta distribution (``MetaRanges.packed``); returns its mass, kg."""
     set_nominal_chaser(parameters, i)
@@ -104,7 +103,7 @@ def draw_chaser(key, ranges, parameters, i):
     return mass
 
 
-@njit(cache=True)
+@jit
 def _invert_symmetric(parameters, i):
     """Inverse of the 3×3 inertia by its adjugate."""
     m, at = parameters, p.INERTIA
@@ -119,7 +118,7 @@ def _invert_symmetric(parameters, i):
     m[i, at + 6], m[i, at + 7], m[i, at + 8] = scale * ac, scale * bc, scale * cc
 
 
-@njit(cache=True)
+@jit
 def draw_sensor(key, ranges, sensor, i):
     """Fills ``sensor[i]``: constant biases of the episode and the noise that each observation draws anew."""
     for group in range(4):
@@ -130,7 +129,7 @@ def draw_sensor(key, ranges, sensor, i):
     sensor[i, SENSOR_RANGE_NOISE] = ranges[18]
 
 
-@njit(cache=True)
+@jit
 def draw_step(key, index, mean_s, std_s, least_s, most_s):
     """Length of step ``index`` of the episode, s: normal, clipped."""
     value, _ = normal_pair(key, STREAM_STEP, index)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from lerobot_spacedock.jit import jit
 from lerobot_spacedock.physics.propagate import propagate_row
 
 RUNNING, CONTACT, COLLISION, CORRIDOR, VOLUME, TIMEOUT, HORIZON, BROKEN = range(8)
@@ -26,7 +25,7 @@ CROSSING_TOLERANCE_s = 1e-11  # 1e-11 s at 1 m/s: far below the integration erro
 _MAX_BISECTIONS = 60
 
 
-@njit(cache=True)
+@jit
 def time_of_crossing(before, after, action, step_s, parameters, row, mean_motion, coupling, axial_sign):
     """When, inside a step, the reference point first meets the port plane coming from outside.
 
@@ -71,7 +70,7 @@ def time_of_crossing(before, after, action, step_s, parameters, row, mean_motion
     return high
 
 
-@njit(cache=True)
+@jit
 def judge_place(r, axial_sign, crossed, capture_radius, station_radius, corridor, tangent, mouth_radius, volume_radius):
     """The outcome code of a place in a contact task; ``crossed``: it is where the port plane was met."""
     axial, lateral = axial_sign * r[1], math.hypot(r[0], r[2])

@@ -14,9 +14,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.jit import jit
 from lerobot_spacedock.physics import chaser as p
 from lerobot_spacedock.physics.chaser import ChaserParameters
 from lerobot_spacedock.physics.constants import MEAN_MOTION_rad_s
@@ -36,7 +37,7 @@ SUBSTEP_ANGLE_rad = 0.03  # whole episodes then stay within 1e-6 m and 1e-8 rad 
 MAX_SUBSTEPS = 4096
 
 
-@njit(cache=True)
+@jit
 def substeps_needed(omega, torque, parameters, row, step_s):
     """How many substeps keep the turn in each below ``SUBSTEP_ANGLE_rad``; ``MAX_SUBSTEPS`` at most."""
     alpha = multiply_matrix(parameters, row, p.INERTIA_INVERSE, torque)
@@ -48,7 +49,7 @@ def substeps_needed(omega, torque, parameters, row, step_s):
     return 1 + int(turns)
 
 
-@njit(cache=True)
+@jit
 def propagate_row(state, action, step_s, parameters, row, mean_motion_rad_s, hill_coupling, substeps):
     """One chaser over one step of held command.
 
@@ -115,7 +116,7 @@ def propagate_row(state, action, step_s, parameters, row, mean_motion_rad_s, hil
     )  # fmt: skip
 
 
-@njit(cache=True, inline="always")
+@jit(inline="always")
 def shift_point(r, v, q, omega, offset, sign, mean_motion_rad_s, hill_coupling):
     """Position and velocity (Hill axes) of the point at ``sign * offset`` (body axes) from the given one."""
     arm = rotate_vector(q, offset)
@@ -127,7 +128,7 @@ def shift_point(r, v, q, omega, offset, sign, mean_motion_rad_s, hill_coupling):
     return axpy(sign, arm, r), axpy(sign, swing, v)
 
 
-@njit(cache=True)
+@jit
 def _propagate_rows(state, action, step_s, parameters, n, hill_coupling, substeps, out, first, last):
     shared = parameters.shape[0] == 1
     for i in range(first, last):
@@ -142,7 +143,7 @@ def _propagate_rows(state, action, step_s, parameters, n, hill_coupling, substep
             out[i, j] = after[j]
 
 
-@njit(cache=True, parallel=True)
+@jit(parallel=True)
 def _propagate_parallel(state, action, step_s, parameters, n, hill_coupling, substeps, out, blocks):
     count = state.shape[0]
     for b in prange(blocks):

@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from lerobot_spacedock.jit import jit
 
 
-@njit(cache=True, inline="always")
+@jit(inline="always")
 def hcw_transition_row(r, v, mean_motion_rad_s, sine_half, cosine_half, time_s):
     """Free motion of one chaser over ``time_s``; sine and cosine are of ``n t / 2``.
 

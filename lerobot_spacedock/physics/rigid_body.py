@@ -12,22 +12,22 @@ Source: Blanes, Casas, Oteo and Ros, "The Magnus expansion and some of its appli
 
 from __future__ import annotations
 
-from numba import njit
+from lerobot_spacedock.jit import jit
 
 
-@njit(cache=True, inline="always")
+@jit(inline="always")
 def cross(a, b):
     """Cross product of two 3-tuples."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-@njit(cache=True, inline="always")
+@jit(inline="always")
 def axpy(scale, a, b):
     """``scale * a + b`` of two 3-tuples."""
     return (scale * a[0] + b[0], scale * a[1] + b[1], scale * a[2] + b[2])
 
 
-@njit(cache=True, inline="always")
+@jit(inline="always")
 def multiply_quaternions(p, q):
     """Hamilton product of two 4-tuples, scalar first."""
     return (
@@ -38,7 +38,7 @@ def multiply_quaternions(p, q):
     )
 
 
-@njit(cache=True, inline="always")
+@jit(inline="always")
 def rotate_vector(q, v):
     """``q ⊗ (0, v) ⊗ q*``: body vector in the outer frame, 3-tuple."""
     vector = (q[1], q[2], q[3])
@@ -48,13 +48,13 @@ def rotate_vector(q, v):
     return (v[0] + q[0] * t[0] + u[0], v[1] + q[0] * t[1] + u[1], v[2] + q[0] * t[2] + u[2])
 
 
-@njit(cache=True, inline="always")
+@jit(inline="always")
 def rotate_vector_inverse(q, v):
     """Outer vector in body axes, 3-tuple."""
     return rotate_vector((q[0], -q[1], -q[2], -q[3]), v)
 
 
-@njit(cache=True, inline="always")
+@jit(inline="always")
 def rotation_vector_to_quaternion(phi):
     """Exponential of a rotation vector below about 1 rad, by its Taylor series (error < 1e-15 there)."""
     x = 0.25 * (phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
@@ -63,7 +63,7 @@ def rotation_vector_to_quaternion(phi):
     return (cosine, 0.5 * sinc * phi[0], 0.5 * sinc * phi[1], 0.5 * sinc * phi[2])
 
 
-@njit(cache=True, inline="always")
+@jit(inline="always")
 def multiply_matrix(matrices, row, first, v):
     """``A v`` with the 3×3 matrix that stands row-major at ``matrices[row, first : first + 9]``."""
     m = matrices
@@ -74,14 +74,14 @@ def multiply_matrix(matrices, row, first, v):
     )
 
 
-@njit(cache=True, inline="always")
+@jit(inline="always")
 def angular_acceleration(omega, torque, matrices, row, inertia_at, inverse_at):
     """Euler's equations solved for ω̇, rad/s², 3-tuple, body axes."""
     gyroscopic = cross(omega, multiply_matrix(matrices, row, inertia_at, omega))
     return multiply_matrix(matrices, row, inverse_at, axpy(-1.0, gyroscopic, torque))
 
 
-@njit(cache=True, inline="always")
+@jit(inline="always")
 def advance_attitude(q, omega, torque, step_s, isotropic, matrices, row, inertia_at, inverse_at):
     """One step of rotation under constant body torque.
 

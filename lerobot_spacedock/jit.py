@@ -1,0 +1,75 @@
+"""Numba's ``njit`` with a disk cache that knows the whole package.
+
+Numba notices that a function's own file has changed, but not that a function it calls from another file has: an edit of
+``env/reward.py`` would go on running the old reward from the cache. So the cache stands in a folder named after a hash
+of all sources that the kernels of a room can call; it is the user's, not the package's, which may be read-only. ``NUMBA_CACHE_DIR`` overrides it.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+
+_ROOT = Path(__file__).parent
+# room of a kernel → rooms whose kernels and constants it may use
+_SOURCES = {"physics": ("physics",), "env": ("physics", "env"), "camera": ("physics", "camera")}
+_KEEP_UNUSED_s = 30 * 24 * 3600
+
+
+def jit(function: Callable | None = None, **options: Any) -> Callable:
+    """``numba.njit(cache=True, …)`` with this package's cache folder; used with or without arguments."""
+    if function is None:
+        return functools.partial(jit, **options)
+    saved = numba.config.CACHE_DIR
+    try:
+        numba.config.CACHE_DIR = saved or str(cache_dir(function.__module__.split(".")[1]))
+        return numba.njit(cache=True, **options)(function)
+    finally:
+        numba.config.CACHE_DIR = saved
+
+
+@functools.cache
+def cache_dir(room: str) -> Path:
+    """The folder of a room's compiled kernels for exactly these sources; a temporary one if it cannot be made."""
+    digest = hashlib.sha256()
+    for source_room in _SOURCES[room]:
+        for path in sorted((_ROOT / source_room).rglob("*.py")):
+            content = path.read_bytes()
+            if source_room == "physics" or b"import jit" in content:
+                digest.update(path.name.encode() + content)
+    name = f"{room}-{digest.hexdigest()[:16]}"
+    for base in (user_cache_dir() / "kernels", Path(tempfile.gettempdir()) / f"lerobot_spacedock-{os.getuid()}"):
+        folder = base / name
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            os.utime(folder)
+        except OSError:
+            continue
+        _remove_unused(base)
+        return folder
+    return Path(tempfile.mkdtemp(prefix="lerobot_spacedock-"))
+
+
+def user_cache_dir() -> Path:
+    """``$XDG_CACHE_HOME/lerobot_spacedock``, in the home folder by default; not made here."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "lerobot_spacedock"
+
+
+def _remove_unused(base: Path) -> None:
+    oldest = time.time() - _KEEP_UNUSED_s
+    for folder in base.iterdir():
+        try:
+            if folder.is_dir() and folder.stat().st_mtime < oldest:
+                shutil.rmtree(folder, ignore_errors=True)
+        except OSError:
+            continue
