@@ -2,7 +2,8 @@
 
 Numba notices that a function's own file has changed, but not that a function it calls from another file has: an edit of
 ``env/reward.py`` would go on running the old reward from the cache. So the cache stands in a folder named after a hash
-of all sources that the kernels of a room can call; it is the user's, not the package's, which may be read-only. ``NUMBA_CACHE_DIR`` overrides it.
+of all sources that the kernels of a room can call. The folder is the user's, not the package's, which may be read-only;
+``NUMBA_CACHE_DIR`` overrides it.
 """
 
 from __future__ import annotations
