@@ -108,7 +108,8 @@ def read_episode_log(path: Path | str) -> EpisodeLog:
     """
     path = Path(path)
     try:
-        table = pq.read_table(path, partitioning=None)
+        with pq.ParquetFile(path) as file:  # not pq.read_table: a third of its time for a file this small
+            table = file.read(use_threads=False)
     except FileNotFoundError:
         raise
     except (pa.ArrowException, OSError, ValueError) as error:
