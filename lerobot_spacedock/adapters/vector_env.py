@@ -7,6 +7,7 @@ others of its batch fly on.
 
 from __future__ import annotations
 
+import multiprocessing
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,12 @@ class LoggingSyncVectorEnv(_Logging, SyncVectorEnv):
 
 
 class LoggingAsyncVectorEnv(_Logging, AsyncVectorEnv):
-    """One process an environment."""
+    """One process an environment, forked from a server that has imported LeRobot once for all of them."""
+
+    def __init__(self, env_fns, *, log: EvaluationLog | None = None, **options: Any) -> None:
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(["lerobot.envs.utils", "lerobot_spacedock.env.spacedock"])
+        super().__init__(env_fns, log=log, context="forkserver", **options)
 
 
 def _of_env(info: dict[str, Any], index: int) -> dict[str, Any]:

@@ -45,9 +45,8 @@ def make(cls, folder, num_envs, num_episodes=None):
     def one():
         return Countdown(folder)
 
-    options = {"context": "forkserver"} if cls is LoggingAsyncVectorEnv else {}
     log = EvaluationLog(folder, num_envs, num_episodes)
-    return cls([freeze_after_episode_end(one) for _ in range(num_envs)], log=log, **options)
+    return cls([freeze_after_episode_end(one) for _ in range(num_envs)], log=log)
 
 
 def roll_out(env, seeds):
