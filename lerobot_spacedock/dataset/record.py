@@ -80,9 +80,11 @@ class DatasetRecorder:
     """
 
     def __init__(self, root: Path, layout: DatasetLayout, *, encoder_threads: int | None = None) -> None:
+        from datasets.utils import disable_progress_bars
         from lerobot.configs import RGBEncoderConfig
         from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
+        disable_progress_bars()  # one an episode, for milliseconds
         if root.exists():
             raise InputError("--root", str(root), "a folder that does not exist", "Give another, or delete it.")
         self.layout = layout
@@ -102,6 +104,7 @@ class DatasetRecorder:
             root=root,
             robot_type=schema.ROBOT_TYPE,
             use_videos=video,
+            video_backend="pyav",
             rgb_encoder=encoder,
             streaming_encoding=video,
             encoder_queue_maxsize=0,
@@ -152,9 +155,14 @@ class DatasetRecorder:
             return
         start, end = (latest[f"videos/{schema.IMAGE}/{edge}_timestamp"][0] for edge in ("from", "to"))
         if round((end - start) * schema.FPS) != steps:
+            written = (end - start) * schema.FPS
             raise SpaceDockError(
-                f"{self.root}: the encoder wrote {(end - start) * schema.FPS:g} frames of {steps}. {free_space(self.root)}"
+                f"{self.root}: the encoder wrote {written:g} frames of {steps}. {free_space(self.root)}"
             )
+
+    def discard_episode(self) -> None:
+        """Forgets the frames of an episode that ``add_episode`` could not finish."""
+        self.dataset.clear_episode_buffer()
 
     def close(self) -> None:
         """Finishes the files; a dataset without it cannot be read. Idempotent."""

@@ -74,7 +74,7 @@ def tail(log: EpisodeLog, first: int) -> EpisodeLog:
         action=log.action[first:],
         dt=log.dt[first:],
         reward=log.reward[first:],
-        metadata=log.metadata | {"segment_first_step": first},
+        metadata=log.metadata | {"segment_first_step": first, "segment_start_s": float(log.time[first])},
         extra=extra,
     )
 

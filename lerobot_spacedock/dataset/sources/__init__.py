@@ -1,0 +1,100 @@
+"""Readers of rollouts that exist already. Each module lists the episodes of a path and loads one of them."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.errors import FileFormatError, InputError
+
+FORMATS = {
+    "logs": "episode logs: a folder of episode_*.parquet",
+    "raw": "the authors' raw export: states/trajectory_*.csv and, if there are any, imgs/img_traj_*_step_*.png",
+    "hdf5": "ACT-style episodes: a folder of episode_*.hdf5",
+    "npz": "the same arrays as NumPy archives: a folder of episode_*.npz",
+    "minari": "a Minari dataset: its folder, or its id among the local ones",
+    "v21": "a LeRobotDataset v2.1 of the authors' schema, through LeRobot's own converter",
+}
+
+
+@dataclass(frozen=True)
+class EpisodeRef:
+    """Where one episode is: small, picklable, and writable as JSON.
+
+    Attributes:
+        format: a key of ``FORMATS``.
+        path: file or folder.
+        key: which episode inside, where the path holds several.
+        options: what its reader needs beside, as (name, value) pairs.
+    """
+
+    format: str
+    path: str
+    key: str = ""
+    options: tuple[tuple[str, str | float | int | bool | None], ...] = ()
+
+    @property
+    def name(self) -> str:
+        return f"{self.path}#{self.key}" if self.key else self.path
+
+    def option(self, name: str, default: str | float | int | bool | None = None) -> str | float | int | bool | None:
+        return dict(self.options).get(name, default)
+
+    def to_json(self) -> list:
+        return [self.format, self.path, self.key, [list(pair) for pair in self.options]]
+
+    @classmethod
+    def from_json(cls, values: list) -> EpisodeRef:
+        return cls(values[0], values[1], values[2], tuple((name, value) for name, value in values[3]))
+
+
+@dataclass(frozen=True)
+class LoadedEpisode:
+    """One episode in memory.
+
+    Attributes:
+        log: states, commands, times.
+        frames: ``frames(first)`` yields the stored pictures from step ``first`` on, one a step; None where the source
+            has none and they have to be drawn.
+    """
+
+    log: EpisodeLog
+    frames: Callable[[int], Iterator[np.ndarray]] | None = None
+
+
+def list_episodes(kind: str, path: Path | str, **options: str | float | int | bool | None) -> list[EpisodeRef]:
+    """The episodes of a path, in order.
+
+    Raises:
+        InputError: unknown format, or a path in which there is none.
+    """
+    if kind not in FORMATS or kind == "v21":
+        raise InputError("--format", kind, " | ".join(FORMATS))
+    path = Path(path)
+    if kind != "minari" and not path.is_dir():
+        raise InputError("--source", str(path), f"an existing folder holding {FORMATS[kind]}")
+    found = _module(kind).list_episodes(path, tuple(sorted(options.items())))
+    if not found:
+        raise InputError("--source", str(path), f"a folder holding {FORMATS[kind]}", "None was found there.")
+    return found
+
+
+def load(ref: EpisodeRef) -> LoadedEpisode:
+    """Reads one episode; every problem is a FileFormatError that names the file and the place."""
+    try:
+        return _module(ref.format).load(ref)
+    except FileNotFoundError as error:
+        raise FileFormatError(f"{error.filename or ref.name}: missing.") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileFormatError(f"{ref.name}: not readable ({error}).") from error
+
+
+def _module(kind: str):
+    return importlib.import_module(
+        f"lerobot_spacedock.dataset.sources.{ {'npz': 'arrays', 'hdf5': 'arrays'}.get(kind, kind) }"
+    )

@@ -1,0 +1,276 @@
+"""``spacedock demos``: flies an expert, keeps the best episodes, draws them, writes a LeRobotDataset.
+
+Every flight is an episode log the moment it ends, every shard a whole dataset the moment it is written, and the
+dataset appears under its name only when it is complete: a job that was killed goes on from there by the same command.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from lerobot_spacedock.camera import CameraConfig
+from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig
+from lerobot_spacedock.dataset.experts import check_expert, make_expert
+from lerobot_spacedock.dataset.flight import fly
+from lerobot_spacedock.dataset.frames import drawing_options
+from lerobot_spacedock.dataset.job import Job, Plan, shard_size, write_json
+from lerobot_spacedock.dataset.provenance import command_line
+from lerobot_spacedock.dataset.record import DatasetLayout, Storage
+from lerobot_spacedock.dataset.roots import check_repo_id, dataset_root
+from lerobot_spacedock.dataset.segments import Segment, pieces
+from lerobot_spacedock.dataset.selection import RULES, best, check_rule, score
+from lerobot_spacedock.dataset.sources import EpisodeRef
+from lerobot_spacedock.dataset.workers import available_cores, run_shards
+from lerobot_spacedock.env.config import SpaceDockConfig
+from lerobot_spacedock.env.registration import ENV_IDS
+from lerobot_spacedock.env.scenario_config import get_initial_conditions
+from lerobot_spacedock.episode_log import log_path, read_episode_log, write_episode_log
+from lerobot_spacedock.errors import InputError, SpaceDockError
+
+FLIGHT_BLOCK = 256
+
+
+@dataclass
+class DemosConfig:
+    """Fly an expert, keep the best episodes, draw them, write a LeRobotDataset."""
+
+    # user/name of the dataset
+    repo_id: str
+    # folder of the dataset; by default LeRobot's own place for this repo_id. Must not exist
+    root: str | None = None
+    # how many demonstrations to keep
+    num_episodes: int = 100
+    # how many to fly; by default half as many again as are kept
+    num_candidates: int | None = None
+    # meta_rl | feedback | feedback:V | feedback:Q | mpc | mpc_fixed | zem
+    expert: str = "meta_rl"
+    # folder of a meta-RL checkpoint; by default the one that ships
+    checkpoint: str | None = None
+    # first | distance | propellant | smoothness | return: what the best are best at
+    select: str = "distance"
+    # successful dockings rank before all others
+    successes_first: bool = True
+    # SpaceDock-v0 | SpaceDockContact-v0 | SpaceDockMeta-v0
+    env_id: str = "SpaceDockContact-v0"
+    # same | random | same_dispersed | wide, or several with commas, taken in turn
+    initial_conditions: str = "same"
+    # zvezda_aft | harmony_forward
+    port: str = "zvezda_aft"
+    # most steps in an episode; by default the environment's
+    max_steps: int | None = None
+    # seed of the first episode; the others follow. Evaluations begin at 1000: keep away from there
+    seed: int = 100_000
+    # disturbances added to the executed command, the label staying clean: sparse kicks
+    kicks: KickConfig = field(default_factory=KickConfig)
+    # the same: coloured noise on every step
+    noise: NoiseConfig = field(default_factory=NoiseConfig)
+    # all | last:10m | last:20s | last:30: which part of each episode
+    segment: str = "all"
+    # write each whole episode once and its segment so many times more
+    repeat_terminal: int = 0
+    # the observed state carries the mass (14 values)
+    with_mass: bool = False
+    # False writes states and actions alone
+    image: bool = True
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    # software | pyrender
+    renderer: str = "software"
+    # fixed | random | orbit | eclipse
+    sun: str = "fixed"
+    storage: Storage = field(default_factory=Storage)
+    # what the dataset says the task is
+    task: str = "dock with the International Space Station"
+    # folder into which the logs of the kept episodes are copied (what spacedock report reads)
+    log_dir: str | None = None
+    # processes that draw and encode; 0 takes one a core
+    num_workers: int = 0
+
+    def env_config(self, initial_conditions: str) -> SpaceDockConfig:
+        """The environment that is flown, as gymnasium would make it."""
+        options = dict(ENV_IDS[self.env_id])
+        if self.max_steps is not None:
+            options["max_steps"] = self.max_steps
+        return SpaceDockConfig(
+            **options,
+            env_id=self.env_id,
+            initial_conditions=initial_conditions,
+            port=self.port,
+            with_mass=self.with_mass,
+            camera=replace(self.camera, port=self.port),
+            renderer=self.renderer,
+            sun=self.sun,
+            label=self.expert,
+        )
+
+    @property
+    def starts(self) -> tuple[str, ...]:
+        return tuple(name.strip() for name in self.initial_conditions.split(","))
+
+    @property
+    def candidates(self) -> int:
+        return -(-3 * self.num_episodes // 2) if self.num_candidates is None else self.num_candidates
+
+    def settings(self) -> dict[str, Any]:
+        """What decides the data: a job can only go on with the same."""
+        values = asdict(self)
+        for name in ("root", "log_dir", "num_workers"):
+            values.pop(name)
+        return values
+
+
+def demos(config: DemosConfig) -> int:
+    """Runs the verb; see the module."""
+    _check(config)
+    root = dataset_root(config.repo_id, config.root)
+    job = Job(root)
+    with job.lock():
+        resumed = job.begin(config.settings())
+        if resumed:
+            print(f"Going on with the unfinished job in {job.folder}")
+        _fly_candidates(config, job)
+        kept, facts = _select(config, job)
+        if not job.plan_path.exists():
+            _plan(config, kept, facts).save(job.plan_path)
+        plan = Plan.read(job.plan_path)
+        run_shards(job, num_workers=config.num_workers, total_frames=facts["frames"])
+        if config.log_dir is not None:
+            _copy_logs(plan, Path(config.log_dir))
+        from lerobot_spacedock.dataset.assemble import assemble
+
+        total = assemble(job)
+    chosen = facts["selection"]
+    print(f"Wrote {len(total.rows)} episodes, {total.frames} frames to {root}")
+    print(
+        f"  kept {chosen['kept']} of {chosen['flown']} flown ({chosen['rule_text']}); {chosen['docked']} of them docked"
+    )
+    print(f"Next: spacedock check --repo_id={config.repo_id} --root={root}")
+    print(f"      lerobot-train --dataset.repo_id={config.repo_id} --dataset.root={root} --policy.type=act …")
+    return 0
+
+
+def _check(config: DemosConfig) -> None:
+    check_repo_id(config.repo_id)
+    check_expert(config.expert, config.checkpoint)
+    check_rule(config.select)
+    if config.env_id not in ENV_IDS or ENV_IDS[config.env_id].get("withhold_pose"):
+        known = [name for name, options in ENV_IDS.items() if not options.get("withhold_pose")]
+        raise InputError("--env_id", config.env_id, " | ".join(known), "An expert needs the whole state.")
+    for name in config.starts:
+        get_initial_conditions(name)
+    if config.num_episodes < 1:
+        raise InputError("--num_episodes", config.num_episodes, "at least 1")
+    if config.candidates < config.num_episodes:
+        raise InputError("--num_candidates", config.num_candidates, f"at least --num_episodes={config.num_episodes}")
+    if config.seed < 0:
+        raise InputError("--seed", config.seed, "0 or more")
+    if config.repeat_terminal < 0 or (config.repeat_terminal and Segment.parse(config.segment).whole):
+        raise InputError("--repeat_terminal", config.repeat_terminal, "0, or more with a --segment such as last:10m")
+    Segment.parse(config.segment)
+    for name in config.starts:
+        config.env_config(name)
+    _layout(config).columns()
+
+
+def _layout(config: DemosConfig) -> DatasetLayout:
+    return DatasetLayout(
+        repo_id=config.repo_id,
+        height=config.camera.height,
+        width=config.camera.width,
+        with_mass=config.with_mass,
+        image=config.image,
+        task=config.task,
+        storage=config.storage,
+    )
+
+
+def _fly_candidates(config: DemosConfig, job: Job) -> None:
+    """Flies what has not been flown; each episode is a file of its own the moment its block has ended."""
+    seeds = config.seed + np.arange(config.candidates)
+    sets = np.arange(config.candidates) % len(config.starts)
+    with tqdm(total=len(seeds), unit="flight", desc="Flying") as bar:
+        for index, name in enumerate(config.starts):
+            env = config.env_config(name)
+            own = seeds[sets == index]
+            for at in range(0, len(own), FLIGHT_BLOCK):
+                block = own[at : at + FLIGHT_BLOCK]
+                if not all(log_path(job.flights, seed).exists() for seed in block):
+                    policy = make_expert(config.expert, env, checkpoint=config.checkpoint)
+                    disturbance = Disturbance.draw(block, env.max_steps, config.kicks, config.noise)
+                    for log in fly(policy, env, block, disturbance):
+                        write_episode_log(log_path(job.flights, log.metadata["seed"]), log)
+                bar.update(len(block))
+
+
+def _select(config: DemosConfig, job: Job) -> tuple[list[EpisodeRef], dict[str, Any]]:
+    """The kept flights, and what the dataset says of how it was made; decided once, then read again."""
+    path = job.folder / "selection.json"
+    if not path.exists():
+        seeds = [config.seed + i for i in range(config.candidates)]
+        scores, successes, lengths = [], [], []
+        segment = Segment.parse(config.segment)
+        for seed in seeds:
+            log = read_episode_log(log_path(job.flights, seed))
+            scores.append(score(log, config.select))
+            successes.append(bool(log.metadata["success"]))
+            lengths.append(
+                sum(part.num_steps for _, part in pieces(log, segment, repeat_terminal=config.repeat_terminal))
+            )
+        kept = best(scores, successes, config.num_episodes, successes_first=config.successes_first)
+        text = RULES[config.select][1]
+        chosen = {
+            "kept": len(kept),
+            "flown": len(seeds),
+            "rule": config.select,
+            "rule_text": f"successes first, then {text}" if config.successes_first else text,
+            "docked": sum(successes[i] for i in kept),
+            "docked_of_flown": sum(successes),
+            "seeds": [seeds[i] for i in kept],
+        }
+        write_json(path, {"frames": sum(lengths[i] for i in kept), "selection": chosen, "command": command_line()})
+    facts = json.loads(path.read_text())
+    return [EpisodeRef("logs", str(log_path(job.flights, seed))) for seed in facts["selection"]["seeds"]], facts
+
+
+def _plan(config: DemosConfig, kept: list[EpisodeRef], facts: dict[str, Any]) -> Plan:
+    env = config.env_config(config.starts[0])
+    disturbed = config.kicks.probability > 0.0 or config.noise.thrust_N > 0.0 or config.noise.torque_Nm > 0.0
+    return Plan(
+        layout=_layout(config),
+        refs=tuple(kept),
+        shard_episodes=shard_size(len(kept), config.num_workers or available_cores()),
+        drawing=drawing_options(env) if config.image else None,
+        segment=config.segment,
+        repeat_terminal=config.repeat_terminal,
+        facts={
+            "made_by": "spacedock demos",
+            "command": facts["command"],
+            "expert": {"name": config.expert, "checkpoint": config.checkpoint},
+            "env": asdict(env),
+            "initial_conditions": list(config.starts),
+            "first_seed": config.seed,
+            "disturbance": {"kicks": asdict(config.kicks), "noise": asdict(config.noise)} if disturbed else None,
+            "selection": facts["selection"],
+            "segment": config.segment,
+            "repeat_terminal": config.repeat_terminal,
+            "storage": asdict(config.storage),
+            "drawing": drawing_options(env) if config.image else None,
+        },
+    )
+
+
+def _copy_logs(plan: Plan, folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for ref in plan.refs:
+            aside = folder / f".{Path(ref.path).name}.tmp"
+            shutil.copyfile(ref.path, aside)
+            aside.rename(folder / Path(ref.path).name)
+    except OSError as error:
+        raise SpaceDockError(f"--log_dir={folder}: writing failed ({error}).") from error

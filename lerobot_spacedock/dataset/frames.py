@@ -1,0 +1,71 @@
+"""Draws the frames of an episode: the camera at every state of a log, under that episode's Sun."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from lerobot_spacedock.camera import CameraConfig, SensorConfig, make_renderer
+from lerobot_spacedock.env.config import SpaceDockConfig
+from lerobot_spacedock.env.sunlight import SunPath
+from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.physics.frames import POSITION, QUATERNION
+
+
+class Artist:
+    """A renderer that knows what an episode log is; it draws what the environment of that episode would show.
+
+    Args:
+        camera: keyword arguments of ``CameraConfig``; ``sensor`` those of ``SensorConfig``.
+        renderer: as ``make_renderer``'s backend.
+        station_mesh: file to draw in place of the built-in station.
+        station_pose: 16 numbers, its pose.
+        sun: as ``--env.sun``; drawn per episode from the log's seed (0 where it has none).
+    """
+
+    def __init__(
+        self,
+        camera: dict[str, Any] | None = None,
+        renderer: str = "software",
+        station_mesh: str | None = None,
+        station_pose: list[float] | None = None,
+        sun: str = "fixed",
+    ) -> None:
+        camera = dict(camera or {})
+        camera["sensor"] = SensorConfig(**camera.get("sensor", {}))
+        self.config = CameraConfig(**camera)
+        self.sun = sun
+        pose = None if station_pose is None else np.reshape(station_pose, (4, 4))
+        self.renderer = make_renderer(self.config, renderer, station_mesh, pose)
+
+    def draw(self, log: EpisodeLog, first: int = 0, last: int | None = None) -> Iterator[np.ndarray]:
+        """uint8 (height, width, 3) of the states ``first`` to ``last`` - 1; by default to the one before the end.
+
+        Args:
+            log: a whole episode, or a tail whose metadata say when it begins (``segment_start_s``).
+            first: index of the first state drawn.
+            last: index past the last one.
+        """
+        sun = SunPath(self.sun, self.config.port)
+        sun.start(int(log.metadata.get("seed") or 0))
+        start_s = float(log.metadata.get("segment_start_s", 0.0))
+        last = log.num_steps if last is None else last
+        for state, time_s in zip(log.state[first:last], log.time[first:last], strict=True):
+            yield self.renderer.render(state[POSITION], state[QUATERNION], sun.at(start_s + float(time_s)))
+
+    def close(self) -> None:
+        self.renderer.close()
+
+
+def drawing_options(config: SpaceDockConfig) -> dict[str, Any]:
+    """The keyword arguments of ``Artist`` for an environment's pictures, JSON-ready."""
+    return {
+        "camera": asdict(config.camera),
+        "renderer": config.renderer,
+        "station_mesh": config.station_mesh,
+        "station_pose": None if config.station_pose is None else list(config.station_pose),
+        "sun": config.sun,
+    }

@@ -1,0 +1,160 @@
+"""A dataset that is being made: a folder beside its root, from which a killed job goes on.
+
+``<root>.part/`` holds ``plan.json`` (what is to be written, fixed at the first start), ``shards/`` (each a whole
+LeRobotDataset, renamed into place when it is finished) and, for demonstrations, ``flights/`` (an episode log each).
+The dataset appears under its own name only when it is complete.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lerobot_spacedock.dataset.record import DatasetLayout
+from lerobot_spacedock.dataset.segments import Segment
+from lerobot_spacedock.dataset.sources import EpisodeRef
+from lerobot_spacedock.errors import InputError
+
+MAX_SHARD_EPISODES = 50
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the shards of one job hold; written once, read by every worker.
+
+    Attributes:
+        layout: schema and storage of the dataset.
+        refs: the episodes, in order.
+        shard_episodes: how many go into one shard.
+        drawing: keyword arguments of ``frames.Artist``; None where no frame has to be drawn.
+        segment: as ``--segment``.
+        repeat_terminal: as ``--repeat_terminal``.
+        skip_bad: leave out episodes that cannot be read instead of stopping.
+        facts: what ``meta/spacedock.json`` says beside the schema.
+    """
+
+    layout: DatasetLayout
+    refs: tuple[EpisodeRef, ...]
+    shard_episodes: int
+    drawing: dict[str, Any] | None = None
+    segment: str = "all"
+    repeat_terminal: int = 0
+    skip_bad: bool = False
+    facts: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def num_shards(self) -> int:
+        return -(-len(self.refs) // self.shard_episodes)
+
+    def shard_refs(self, index: int) -> tuple[EpisodeRef, ...]:
+        return self.refs[index * self.shard_episodes : (index + 1) * self.shard_episodes]
+
+    def save(self, path: Path) -> None:
+        content = {
+            "layout": self.layout.to_dict(),
+            "shard_episodes": self.shard_episodes,
+            "drawing": self.drawing,
+            "segment": self.segment,
+            "repeat_terminal": self.repeat_terminal,
+            "skip_bad": self.skip_bad,
+            "facts": self.facts,
+            "refs": [ref.to_json() for ref in self.refs],
+        }
+        write_json(path, content)
+
+    @classmethod
+    def read(cls, path: Path) -> Plan:
+        content = json.loads(path.read_text())
+        content["layout"] = DatasetLayout.from_dict(content["layout"])
+        content["refs"] = tuple(EpisodeRef.from_json(ref) for ref in content["refs"])
+        Segment.parse(content["segment"])
+        return cls(**content)
+
+
+class Job:
+    """The working folder of the dataset at ``root``."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.folder = root.with_name(f"{root.name}.part")
+        self.plan_path = self.folder / "plan.json"
+        self.shards = self.folder / "shards"
+        self.flights = self.folder / "flights"
+        self.progress = self.folder / "progress"
+
+    def shard(self, index: int) -> Path:
+        return self.shards / f"shard_{index:06d}"
+
+    def begin(self, settings: dict[str, Any]) -> bool:
+        """Makes the folder, or takes up the job that is in it.
+
+        Args:
+            settings: everything that decides what the data will be. JSON.
+
+        Returns:
+            True where an unfinished job goes on.
+
+        Raises:
+            InputError: the dataset exists, or the folder holds a job with other settings.
+        """
+        if self.root.exists():
+            raise InputError("--root", str(self.root), "a folder that does not exist", "Delete it or name another.")
+        settings = json.loads(json.dumps(settings))
+        path = self.folder / "settings.json"
+        if path.exists():
+            before = json.loads(path.read_text())
+            if before != settings:
+                keys = [key for key in {**before, **settings} if before.get(key) != settings.get(key)]
+                changes = ", ".join(f"{key} was {before.get(key)!r}, now {settings.get(key)!r}" for key in keys)
+                raise InputError(
+                    "--root",
+                    str(self.root),
+                    "the settings with which the unfinished job was begun",
+                    f"{changes}. Repeat the first command to finish it, or delete {self.folder} to begin anew.",
+                )
+            return True
+        for folder in (self.shards, self.flights, self.progress):
+            folder.mkdir(parents=True, exist_ok=True)
+        write_json(path, settings)
+        return False
+
+    @contextlib.contextmanager
+    def lock(self) -> Iterator[None]:
+        """Keeps a second process from working in the same folder; released by the system if this one dies."""
+        self.folder.parent.mkdir(parents=True, exist_ok=True)
+        path = self.root.with_name(f".{self.root.name}.lock")
+        with path.open("w") as stream:
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise InputError(
+                    "--root", str(self.root), "a folder that no other process is writing", "Wait for it to end."
+                ) from None
+            try:
+                yield
+            finally:
+                path.unlink(missing_ok=True)
+
+    def finish(self, complete: Path) -> None:
+        """Puts the complete dataset under its own name and removes the working folder."""
+        os.rename(complete, self.root)
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def shard_size(episodes: int, workers: int) -> int:
+    """Episodes a shard: some shards a worker, so that all cores stay busy to the end and little is lost to a kill."""
+    return max(1, min(MAX_SHARD_EPISODES, -(-episodes // (4 * max(workers, 1)))))
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Writes aside and renames."""
+    aside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    aside.write_text(json.dumps(content))
+    os.replace(aside, path)

@@ -1,0 +1,137 @@
+"""How a dataset was made, kept inside it: ``meta/spacedock.json``, and one row an episode in Parquet.
+
+LeRobot reads neither and its tools may drop them; whoever reads them here can do without.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from lerobot_spacedock import __version__
+from lerobot_spacedock.dataset import schema
+from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.errors import FileFormatError
+from lerobot_spacedock.physics.frames import STATE_NAMES
+
+DATASET_FILE = "meta/spacedock.json"
+EPISODES_FILE = "meta/spacedock_episodes.parquet"
+TERMINAL_COLUMNS = tuple(f"terminal_{name}" for name in STATE_NAMES)
+PACKAGES = ("lerobot", "numpy", "numba", "torch", "datasets", "av")
+
+
+def versions() -> dict[str, str]:
+    """Version of this package and of those that shape the data."""
+    found = {"lerobot_env_spacedock": __version__, "python": sys.version.split()[0]}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def command_line() -> str:
+    """The command being run, as its user would type it: the program by its name, not by its path."""
+    return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+
+
+def episode_row(log: EpisodeLog, *, source: str, repeat: int = 0) -> dict[str, Any]:
+    """What ``EPISODES_FILE`` keeps of one episode.
+
+    Args:
+        log: the episode as written, after cutting.
+        source: where it came from.
+        repeat: how many times this piece was written before.
+    """
+    terminal = dict(zip(TERMINAL_COLUMNS, (float(v) for v in log.state[-1]), strict=True))
+    return {
+        "length": log.num_steps,
+        "source": source,
+        "repeat": repeat,
+        "seed": _optional(log.metadata.get("seed"), int),
+        "initial_conditions": str(log.metadata.get("initial_conditions") or ""),
+        "outcome": str(log.metadata.get("outcome") or ""),
+        "success": bool(log.metadata.get("success", False)),
+        "segment_first_step": int(log.metadata.get("segment_first_step", 0)),
+        "metadata": json.dumps(log.metadata),
+        **terminal,
+    }
+
+
+def write_episode_rows(root: Path, rows: list[dict[str, Any]]) -> None:
+    """Writes ``EPISODES_FILE``; the row's place is the episode's index."""
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    columns = {"episode_index": list(range(len(rows)))} | columns
+    table = pa.table({name: _array(name, values) for name, values in columns.items()})
+    pq.write_table(table, root / EPISODES_FILE, compression="zstd")
+
+
+def read_episode_rows(root: Path) -> list[dict[str, Any]] | None:
+    """The rows in order of the episode's index, or None where the dataset has none.
+
+    Raises:
+        FileFormatError: the file is there and is not readable.
+    """
+    path = root / EPISODES_FILE
+    if not path.exists():
+        return None
+    try:
+        rows = pq.read_table(path, partitioning=None).to_pylist()
+    except (pa.ArrowException, OSError) as error:
+        raise FileFormatError(f"{path}: not a readable Parquet file ({error}).") from error
+    return sorted(rows, key=lambda row: row["episode_index"])
+
+
+def terminal_state(row: dict[str, Any]) -> np.ndarray:
+    return np.array([row[name] for name in TERMINAL_COLUMNS])
+
+
+def write_dataset_facts(root: Path, facts: dict[str, Any], columns: dict[str, schema.Column]) -> None:
+    """Writes ``DATASET_FILE``: the schema's version, the columns with units and meaning, and ``facts``."""
+    described = {
+        name: {"names": list(c.names), "units": list(c.units), "meaning": c.meaning} for name, c in columns.items()
+    }
+    content = {"schema_version": schema.SCHEMA_VERSION, "versions": versions(), **facts, "columns": described}
+    (root / DATASET_FILE).write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+
+
+def read_dataset_facts(root: Path) -> dict[str, Any]:
+    """``DATASET_FILE``, or nothing where the dataset has none."""
+    path = root / DATASET_FILE
+    if not path.exists():
+        return {}
+    try:
+        found = json.loads(path.read_text())
+    except ValueError as error:
+        raise FileFormatError(f"{path}: not JSON ({error}).") from error
+    if not isinstance(found, dict):
+        raise FileFormatError(f"{path}: {type(found).__name__}, not a JSON object.")
+    return found
+
+
+def _optional(value: Any, kind: type) -> Any:
+    return None if value is None else kind(value)
+
+
+def _array(name: str, values: list) -> pa.Array:
+    kinds = {
+        "episode_index": pa.int64(),
+        "length": pa.int64(),
+        "repeat": pa.int64(),
+        "seed": pa.int64(),
+        "segment_first_step": pa.int64(),
+        "success": pa.bool_(),
+        "source": pa.string(),
+        "initial_conditions": pa.string(),
+        "outcome": pa.string(),
+        "metadata": pa.string(),
+    }
+    return pa.array(values, kinds.get(name, pa.float64()))

@@ -1,0 +1,134 @@
+"""Writes one shard of a job: some episodes as a LeRobotDataset of their own, whole or not there."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lerobot_spacedock.dataset.frames import Artist
+from lerobot_spacedock.dataset.job import Job, Plan, write_json
+from lerobot_spacedock.dataset.provenance import episode_row
+from lerobot_spacedock.dataset.record import DatasetRecorder
+from lerobot_spacedock.dataset.segments import Segment, pieces
+from lerobot_spacedock.dataset.sources import EpisodeRef, LoadedEpisode, load
+from lerobot_spacedock.dataset.sources.pictures import resized
+from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.errors import FileFormatError, InputError
+
+SUMMARY_FILE = "shard.json"
+
+
+@dataclass(frozen=True)
+class ShardSummary:
+    """What a finished shard holds.
+
+    Attributes:
+        rows: of ``provenance.EPISODES_FILE``, one an episode written.
+        left_out: (episode, reason) of each that could not be read.
+    """
+
+    rows: list[dict]
+    left_out: list[tuple[str, str]]
+
+    @property
+    def frames(self) -> int:
+        return sum(row["length"] for row in self.rows)
+
+
+def finished(job: Job, index: int) -> bool:
+    """Whether the shard is complete: it gets its name only then."""
+    return (job.shard(index) / SUMMARY_FILE).exists()
+
+
+def read_summary(job: Job, index: int) -> ShardSummary:
+    content = json.loads((job.shard(index) / SUMMARY_FILE).read_text())
+    return ShardSummary(content["rows"], [tuple(pair) for pair in content["left_out"]])
+
+
+def write_shard(root: Path | str, index: int, *, encoder_threads: int | None = None) -> ShardSummary:
+    """Writes shard ``index`` of the job at ``root``; a finished one is left as it is.
+
+    Args:
+        root: of the dataset that is being made; the plan is read from its working folder.
+        index: of the shard.
+        encoder_threads: of the video encoder; None lets it decide.
+
+    Raises:
+        FileFormatError, InputError: an episode that cannot be used; with the plan's ``skip_bad`` it is left out.
+    """
+    job = Job(Path(root))
+    if finished(job, index):
+        return read_summary(job, index)
+    plan = Plan.read(job.plan_path)
+    aside = job.shards / f".shard_{index:06d}"
+    shutil.rmtree(aside, ignore_errors=True)
+    artist = Artist(**plan.drawing) if plan.drawing is not None and plan.layout.image else None
+    try:
+        with (job.progress / str(index)).open("wb", buffering=0) as progress:
+            summary = _write(plan, plan.shard_refs(index), aside, artist, progress, encoder_threads)
+    except BaseException:
+        shutil.rmtree(aside, ignore_errors=True)
+        raise
+    finally:
+        if artist is not None:
+            artist.close()
+    aside.mkdir(exist_ok=True)
+    write_json(aside / SUMMARY_FILE, {"rows": summary.rows, "left_out": summary.left_out})
+    os.rename(aside, job.shard(index))
+    return summary
+
+
+def _write(plan: Plan, refs, aside: Path, artist: Artist | None, progress, encoder_threads) -> ShardSummary:
+    segment = Segment.parse(plan.segment)
+    rows: list[dict] = []
+    left_out: list[tuple[str, str]] = []
+    recorder: DatasetRecorder | None = None
+    for ref in refs:
+        try:
+            episode = load(ref)
+            parts = pieces(episode.log, segment, repeat_terminal=plan.repeat_terminal)
+            for number, (first, part) in enumerate(parts):
+                recorder = recorder or DatasetRecorder(aside, plan.layout, encoder_threads=encoder_threads)
+                frames = _frames(plan, ref, episode, first, part, artist, progress)
+                recorder.add_episode(part, frames)
+                rows.append(episode_row(part, source=ref.name, repeat=number))
+        except (FileFormatError, InputError) as error:
+            if not plan.skip_bad:
+                if recorder is not None:
+                    recorder.discard_episode()
+                    recorder.close()
+                raise
+            if recorder is not None:
+                recorder.discard_episode()
+            left_out.append((ref.name, str(error)))
+    if recorder is not None:
+        recorder.close()
+    return ShardSummary(rows, left_out)
+
+
+def _frames(
+    plan: Plan, ref: EpisodeRef, episode: LoadedEpisode, first: int, part: EpisodeLog, artist: Artist | None, progress
+) -> Iterator[np.ndarray] | None:
+    if not plan.layout.image:
+        progress.write(b"\0" * part.num_steps)
+        return None
+    if episode.frames is not None:
+        frames = resized(episode.frames(first), plan.layout.height, plan.layout.width)
+    elif artist is not None:
+        frames = artist.draw(part)
+    else:
+        raise FileFormatError(f"{ref.name}: has no pictures, and drawing is switched off.")
+    return _counted(frames, progress)
+
+
+def _counted(frames: Iterator[np.ndarray], progress) -> Iterator[np.ndarray]:
+    """The same frames; each leaves a byte in the progress file, by which whoever waits sees how far it is."""
+    for frame in frames:
+        progress.write(b"\0")
+        yield frame

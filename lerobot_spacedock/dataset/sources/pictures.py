@@ -1,0 +1,39 @@
+"""Stored pictures as frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from lerobot_spacedock.errors import FileFormatError
+
+
+def read_picture(file: Path) -> np.ndarray:
+    """One picture as uint8 (height, width, 3); an alpha channel is dropped, grey becomes RGB.
+
+    Raises:
+        FileFormatError: missing, truncated, or not a picture.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(file) as picture:
+            return np.asarray(picture.convert("RGB"))
+    except FileNotFoundError:
+        raise FileFormatError(f"{file}: missing.") from None
+    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
+        raise FileFormatError(f"{file}: not a readable picture ({error}).") from error
+
+
+def resized(frames: Iterable[np.ndarray], height: int, width: int) -> Iterator[np.ndarray]:
+    """The frames at another size, by area averaging where they shrink; untouched where it is theirs already."""
+    for frame in frames:
+        if frame.shape[:2] == (height, width):
+            yield frame
+            continue
+        import cv2
+
+        shrinks = frame.shape[0] >= height and frame.shape[1] >= width
+        yield cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)

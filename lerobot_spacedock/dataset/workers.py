@@ -1,0 +1,98 @@
+"""Runs the shards of a job on the cores of this machine."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+
+from tqdm import tqdm
+
+from lerobot_spacedock.dataset.job import Job, Plan
+from lerobot_spacedock.dataset.shards import finished, read_summary, write_shard
+from lerobot_spacedock.errors import SpaceDockError
+
+POLL_s = 0.3
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def available_cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def run_shards(job: Job, *, num_workers: int, total_frames: int | None) -> None:
+    """Writes all shards that are not finished, with a progress bar of frames.
+
+    Args:
+        job: with its plan saved.
+        num_workers: processes; 1 works in this one, 0 takes one a core.
+        total_frames: for the bar, if known.
+
+    Raises:
+        SpaceDockError: a shard failed, or a worker died; finished shards stay.
+    """
+    plan = Plan.read(job.plan_path)
+    indices = [index for index in range(plan.num_shards) if not finished(job, index)]
+    workers = min(num_workers or available_cores(), max(len(indices), 1))
+    already = sum(read_summary(job, i).frames for i in range(plan.num_shards) if finished(job, i))
+    for stale in job.progress.iterdir():
+        stale.unlink()
+    with tqdm(total=total_frames, initial=already, unit="frame", desc="Writing frames", smoothing=0.1) as bar:
+        if workers == 1:
+            for index in indices:
+                write_shard(job.root, index)
+                _show(bar, job, already)
+        else:
+            _run_processes(job, indices, workers, lambda: _show(bar, job, already))
+        _show(bar, job, already)
+
+
+def _run_processes(job: Job, indices: list[int], workers: int, show) -> None:
+    threads = max(1, available_cores() // workers)
+    with _threads_a_process(threads):
+        pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+        try:
+            waiting = {pool.submit(write_shard, job.root, i, encoder_threads=threads): i for i in indices}
+            while waiting:
+                done, _ = wait(waiting, timeout=POLL_s, return_when=FIRST_COMPLETED)
+                show()
+                for future in done:
+                    waiting.pop(future)
+                    _raise_of(future, job)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+        pool.shutdown()
+
+
+def _raise_of(future: Future, job: Job) -> None:
+    try:
+        future.result()
+    except BrokenProcessPool as error:
+        raise SpaceDockError(
+            "A worker process was ended from outside (killed, or out of memory). What is finished is kept in "
+            f"{job.folder}; run the same command again to go on, with fewer --num_workers if memory was short."
+        ) from error
+
+
+@contextlib.contextmanager
+def _threads_a_process(threads: int) -> Iterator[None]:
+    """Child processes read these when they import their libraries; ours have been imported already."""
+    before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(_THREAD_VARIABLES, str(threads)))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _show(bar: tqdm, job: Job, already: int) -> None:
+    written = already + sum(file.stat().st_size for file in job.progress.iterdir())
+    bar.update(written - bar.n)
