@@ -36,6 +36,9 @@ Task = namedtuple(
 )
 
 
+_NOTHING = np.zeros((0, len(OBSERVATION_INDICES)), dtype=np.float32)
+
+
 @dataclass(frozen=True)
 class StepResult:
     """What a step of the batch gives; the arrays are the simulator's own and change with the next step.
@@ -133,11 +136,12 @@ class BatchedSpaceDock:
         self._grid = np.zeros(0) if time_grid_s is None else np.array(time_grid_s, dtype=np.float64)
         return self.observe()
 
-    def step(self, action: np.ndarray) -> StepResult:
+    def step(self, action: np.ndarray, *, observe: bool = True) -> StepResult:
         """One step of every row that is running.
 
         Args:
             action: N and N·m, (N, 6), body axes; clipped to the limits (and the clip counted in ``sim.clipped``).
+            observe: read the sensors too; False leaves ``observation`` empty, for callers that read them otherwise.
 
         Raises:
             InputError: wrong shape, or a value that is not finite.
@@ -173,7 +177,7 @@ class BatchedSpaceDock:
                 kernels.reset_rows(ended, sim, self.task)
         truncated = (code == TIMEOUT) | (code == HORIZON)
         return StepResult(
-            observation=self.observe(),
+            observation=self.observe() if observe else _NOTHING,
             reward=reward,
             terminated=(code != RUNNING) & ~truncated,
             truncated=truncated,

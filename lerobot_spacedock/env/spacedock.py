@@ -102,6 +102,7 @@ class SpaceDockEnv(gym.Env):
             bound = np.array([_bound(STATE_NAMES[i]) for i in self._indices], dtype=np.float32)
             low = np.where([STATE_NAMES[i] == "mass" for i in self._indices], np.float32(0.0), -bound)
             parts["agent_pos"] = spaces.Box(low, bound, dtype=np.float32)
+            self._low, self._high = low, bound
         self.observation_space = spaces.Dict(parts)
 
     # --- gymnasium ------------------------------------------------------------------------------------------------
@@ -155,7 +156,7 @@ class SpaceDockEnv(gym.Env):
         """
         if not self._running:
             raise gym.error.ResetNeeded("the episode has ended: call reset() before the next step()")
-        result = self._simulator.step(_check_action(action)[None])
+        result = self._simulator.step(_check_action(action)[None], observe=False)
         sim = self._simulator.sim
         reward = float(result.reward[0])
         for name, value in (
@@ -213,8 +214,7 @@ class SpaceDockEnv(gym.Env):
         if self.config.obs_type != "pixels":
             values = self._simulator.observe_full()[0, self._indices].astype(np.float32)
             # unit quaternions may leave [-1, 1] by a float32 rounding
-            space = self.observation_space["agent_pos"]
-            observation["agent_pos"] = np.clip(values, space.low, space.high)
+            observation["agent_pos"] = np.minimum(np.maximum(values, self._low), self._high)
         return observation
 
     def _draw(self) -> np.ndarray:
