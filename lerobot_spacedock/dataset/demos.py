@@ -235,7 +235,8 @@ def _select(config: DemosConfig, job: Job) -> tuple[list[EpisodeRef], dict[str, 
         }
         write_json(path, {"frames": sum(lengths[i] for i in kept), "selection": chosen, "command": command_line()})
     facts = json.loads(path.read_text())
-    return [EpisodeRef("logs", str(log_path(job.flights, seed))) for seed in facts["selection"]["seeds"]], facts
+    flights = job.flights.resolve()
+    return [EpisodeRef("logs", str(log_path(flights, seed))) for seed in facts["selection"]["seeds"]], facts
 
 
 def _plan(config: DemosConfig, kept: list[EpisodeRef], facts: dict[str, Any]) -> Plan:

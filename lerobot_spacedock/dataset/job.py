@@ -34,6 +34,7 @@ class Plan:
         refs: the episodes, in order.
         shard_episodes: how many go into one shard.
         drawing: keyword arguments of ``frames.Artist``; None where no frame has to be drawn.
+        redraw: draw even where the source has pictures.
         segment: as ``--segment``.
         repeat_terminal: as ``--repeat_terminal``.
         skip_bad: leave out episodes that cannot be read instead of stopping.
@@ -44,6 +45,7 @@ class Plan:
     refs: tuple[EpisodeRef, ...]
     shard_episodes: int
     drawing: dict[str, Any] | None = None
+    redraw: bool = False
     segment: str = "all"
     repeat_terminal: int = 0
     skip_bad: bool = False
@@ -61,6 +63,7 @@ class Plan:
             "layout": self.layout.to_dict(),
             "shard_episodes": self.shard_episodes,
             "drawing": self.drawing,
+            "redraw": self.redraw,
             "segment": self.segment,
             "repeat_terminal": self.repeat_terminal,
             "skip_bad": self.skip_bad,

@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -68,7 +69,7 @@ def write_shard(root: Path | str, index: int, *, encoder_threads: int | None = N
     plan = Plan.read(job.plan_path)
     aside = job.shards / f".shard_{index:06d}"
     shutil.rmtree(aside, ignore_errors=True)
-    artist = Artist(**plan.drawing) if plan.drawing is not None and plan.layout.image else None
+    artist = _LazyArtist(plan.drawing)
     try:
         with (job.progress / str(index)).open("wb", buffering=0) as progress:
             summary = _write(plan, plan.shard_refs(index), aside, artist, progress, encoder_threads)
@@ -76,15 +77,38 @@ def write_shard(root: Path | str, index: int, *, encoder_threads: int | None = N
         shutil.rmtree(aside, ignore_errors=True)
         raise
     finally:
-        if artist is not None:
-            artist.close()
+        artist.close()
     aside.mkdir(exist_ok=True)
     write_json(aside / SUMMARY_FILE, {"rows": summary.rows, "left_out": summary.left_out})
     os.rename(aside, job.shard(index))
     return summary
 
 
-def _write(plan: Plan, refs, aside: Path, artist: Artist | None, progress, encoder_threads) -> ShardSummary:
+class _LazyArtist:
+    """Makes its renderer when the first frame has to be drawn, which may be never."""
+
+    def __init__(self, options: dict[str, Any] | None) -> None:
+        self.options = options
+        self.artist: Artist | None = None
+
+    def draw(self, log: EpisodeLog, first: int) -> Iterator[np.ndarray]:
+        if self.artist is None:
+            self.artist = Artist(**(self.options or {}))
+        return self.artist.draw(log, first)
+
+    def close(self) -> None:
+        if self.artist is not None:
+            self.artist.close()
+
+
+def _write(
+    plan: Plan,
+    refs: tuple[EpisodeRef, ...],
+    aside: Path,
+    artist: _LazyArtist,
+    progress: BinaryIO,
+    encoder_threads: int | None,
+) -> ShardSummary:
     segment = Segment.parse(plan.segment)
     rows: list[dict] = []
     left_out: list[tuple[str, str]] = []
@@ -95,9 +119,9 @@ def _write(plan: Plan, refs, aside: Path, artist: Artist | None, progress, encod
             parts = pieces(episode.log, segment, repeat_terminal=plan.repeat_terminal)
             for number, (first, part) in enumerate(parts):
                 recorder = recorder or DatasetRecorder(aside, plan.layout, encoder_threads=encoder_threads)
-                frames = _frames(plan, ref, episode, first, part, artist, progress)
+                frames = _frames(plan, episode, first, part, artist, progress)
                 recorder.add_episode(part, frames)
-                rows.append(episode_row(part, source=ref.name, repeat=number))
+                rows.append(episode_row(part, source=ref.label, repeat=number))
         except (FileFormatError, InputError) as error:
             if not plan.skip_bad:
                 if recorder is not None:
@@ -113,21 +137,17 @@ def _write(plan: Plan, refs, aside: Path, artist: Artist | None, progress, encod
 
 
 def _frames(
-    plan: Plan, ref: EpisodeRef, episode: LoadedEpisode, first: int, part: EpisodeLog, artist: Artist | None, progress
+    plan: Plan, episode: LoadedEpisode, first: int, part: EpisodeLog, artist: _LazyArtist, progress: BinaryIO
 ) -> Iterator[np.ndarray] | None:
     if not plan.layout.image:
         progress.write(b"\0" * part.num_steps)
         return None
-    if episode.frames is not None:
-        frames = resized(episode.frames(first), plan.layout.height, plan.layout.width)
-    elif artist is not None:
-        frames = artist.draw(part)
-    else:
-        raise FileFormatError(f"{ref.name}: has no pictures, and drawing is switched off.")
-    return _counted(frames, progress)
+    if episode.frames is None or plan.redraw:
+        return _counted(artist.draw(episode.log, first), progress)
+    return _counted(resized(episode.frames(first), plan.layout.height, plan.layout.width), progress)
 
 
-def _counted(frames: Iterator[np.ndarray], progress) -> Iterator[np.ndarray]:
+def _counted(frames: Iterator[np.ndarray], progress: BinaryIO) -> Iterator[np.ndarray]:
     """The same frames; each leaves a byte in the progress file, by which whoever waits sees how far it is."""
     for frame in frames:
         progress.write(b"\0")

@@ -42,6 +42,12 @@ class EpisodeRef:
     def name(self) -> str:
         return f"{self.path}#{self.key}" if self.key else self.path
 
+    @property
+    def label(self) -> str:
+        """What a dataset says of where an episode came from: the name without the folders above it."""
+        name = Path(self.path).name
+        return f"{name}#{self.key}" if self.key else name
+
     def option(self, name: str, default: str | float | int | bool | None = None) -> str | float | int | bool | None:
         return dict(self.options).get(name, default)
 

@@ -1,0 +1,204 @@
+"""``spacedock convert``: rollouts that exist already become a LeRobotDataset of the one schema."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from lerobot_spacedock.camera import CameraConfig
+from lerobot_spacedock.dataset.assemble import assemble
+from lerobot_spacedock.dataset.episode import succeeded
+from lerobot_spacedock.dataset.frames import drawing_options
+from lerobot_spacedock.dataset.job import Job, Plan, shard_size
+from lerobot_spacedock.dataset.provenance import command_line
+from lerobot_spacedock.dataset.record import DatasetLayout, Storage
+from lerobot_spacedock.dataset.roots import check_repo_id, dataset_root
+from lerobot_spacedock.dataset.segments import Segment
+from lerobot_spacedock.dataset.selection import best, check_rule, score
+from lerobot_spacedock.dataset.sources import FORMATS, EpisodeRef, list_episodes, load
+from lerobot_spacedock.dataset.workers import available_cores, run_shards
+from lerobot_spacedock.env.config import SpaceDockConfig
+from lerobot_spacedock.errors import FileFormatError, InputError
+
+
+@dataclass
+class ConvertConfig:
+    """Turn rollouts that exist already into a LeRobotDataset."""
+
+    # folder that holds the rollouts (minari: or the id of a local dataset)
+    source: str
+    # user/name of the dataset
+    repo_id: str
+    # logs | raw | hdf5 | npz | minari | v21
+    format: str = "logs"
+    # folder of the dataset; by default LeRobot's own place for this repo_id. Must not exist
+    root: str | None = None
+    # keep the best so many by --select; 0 keeps all
+    num_episodes: int = 0
+    # first | distance | propellant | smoothness | return: what the best are best at
+    select: str = "first"
+    # successful dockings rank before all others
+    successes_first: bool = False
+    # leave out episodes that cannot be read, and list them, instead of stopping at the first
+    skip_bad: bool = False
+    # all | last:10m | last:20s | last:30: which part of each episode
+    segment: str = "all"
+    # write each whole episode once and its segment so many times more
+    repeat_terminal: int = 0
+    # the observed state carries the mass (14 values)
+    with_mass: bool = False
+    # auto takes stored pictures and draws where there are none; draw always draws; none writes states alone
+    images: str = "auto"
+    camera: CameraConfig = field(default_factory=CameraConfig)
+    # software | pyrender: the renderer where pictures are drawn
+    renderer: str = "software"
+    # fixed | random | orbit | eclipse: the Sun where pictures are drawn
+    sun: str = "fixed"
+    storage: Storage = field(default_factory=Storage)
+    # what the dataset says the task is
+    task: str = "dock with the International Space Station"
+    # s, length of a step where the source has no times (hdf5, npz, minari)
+    step_s: float = 0.907
+    # processes that draw and encode; 0 takes one a core
+    num_workers: int = 0
+
+    def settings(self) -> dict[str, Any]:
+        values = asdict(self)
+        for name in ("root", "num_workers"):
+            values.pop(name)
+        return values
+
+
+def convert(config: ConvertConfig) -> int:
+    """Runs the verb; see the module.
+
+    Raises:
+        InputError: an option that cannot be used, or a source in which there is nothing.
+        FileFormatError: an episode that cannot be read, naming file and place; nothing is written then.
+    """
+    _check(config)
+    root = dataset_root(config.repo_id, config.root)
+    if config.format == "v21":
+        from lerobot_spacedock.dataset.sources.v21 import convert_v21
+
+        return convert_v21(config, root)
+    job = Job(root)
+    with job.lock():
+        if job.begin(config.settings()):
+            print(f"Going on with the unfinished job in {job.folder}")
+        if not job.plan_path.exists():
+            _plan(config).save(job.plan_path)
+        run_shards(job, num_workers=config.num_workers, total_frames=None)
+        total = assemble(job)
+    print(f"Wrote {len(total.rows)} episodes, {total.frames} frames to {root}")
+    if total.left_out:
+        print(f"Left out {len(total.left_out)}:")
+        for name, reason in total.left_out:
+            print(f"  {name}: {reason}")
+    print(f"Next: spacedock check --repo_id={config.repo_id} --root={root}")
+    return 0
+
+
+def _check(config: ConvertConfig) -> None:
+    check_repo_id(config.repo_id)
+    check_rule(config.select)
+    if config.format not in FORMATS:
+        raise InputError("--format", config.format, "; ".join(f"{name}: {text}" for name, text in FORMATS.items()))
+    if config.images not in ("auto", "draw", "none"):
+        raise InputError("--images", config.images, "auto | draw | none")
+    if config.num_episodes < 0:
+        raise InputError("--num_episodes", config.num_episodes, "0 for all, or more")
+    if config.step_s <= 0.0:
+        raise InputError("--step_s", config.step_s, "seconds, above 0")
+    if config.repeat_terminal < 0 or (config.repeat_terminal and Segment.parse(config.segment).whole):
+        raise InputError("--repeat_terminal", config.repeat_terminal, "0, or more with a --segment such as last:10m")
+    Segment.parse(config.segment)
+    _layout(config, config.camera).columns()
+
+
+def _layout(config: ConvertConfig, camera: CameraConfig) -> DatasetLayout:
+    return DatasetLayout(
+        repo_id=config.repo_id,
+        height=camera.height,
+        width=camera.width,
+        with_mass=config.with_mass,
+        image=config.images != "none",
+        task=config.task,
+        storage=config.storage,
+    )
+
+
+def _plan(config: ConvertConfig) -> Plan:
+    options = {"step_s": config.step_s} if config.format in ("hdf5", "npz", "minari") else {}
+    source = config.source if config.format == "minari" else Path(config.source).resolve()
+    found = list_episodes(config.format, source, **options)
+    refs, selection = _select(config, found)
+    env = _common_env(config, refs)
+    camera = env.camera if env is not None else config.camera
+    return Plan(
+        layout=_layout(config, camera),
+        refs=tuple(refs),
+        shard_episodes=shard_size(len(refs), config.num_workers or available_cores()),
+        drawing=drawing_options(env or _plain_env(config)) if config.images != "none" else None,
+        redraw=config.images == "draw",
+        segment=config.segment,
+        repeat_terminal=config.repeat_terminal,
+        skip_bad=config.skip_bad,
+        facts={
+            "made_by": "spacedock convert",
+            "command": command_line(),
+            "source": {"format": config.format, "description": FORMATS[config.format], "episodes": len(found)},
+            "env": None if env is None else asdict(env),
+            "selection": selection,
+            "segment": config.segment,
+            "repeat_terminal": config.repeat_terminal,
+            "storage": asdict(config.storage),
+            "drawing": drawing_options(env or _plain_env(config)) if config.images != "none" else None,
+        },
+    )
+
+
+def _select(config: ConvertConfig, found: list[EpisodeRef]) -> tuple[list[EpisodeRef], dict[str, Any]]:
+    keep = config.num_episodes or len(found)
+    if keep > len(found):
+        raise InputError("--num_episodes", keep, f"at most {len(found)}, which is all that {config.source} holds")
+    if config.select == "first" and not config.successes_first:
+        return found[:keep], {"kept": keep, "of": len(found), "rule": "first"}
+    refs, scores, successes = [], [], []
+    for ref in tqdm(found, unit="episode", desc="Reading"):
+        try:
+            log = load(ref).log
+        except FileFormatError:
+            if not config.skip_bad:
+                raise
+            continue
+        refs.append(ref)
+        scores.append(score(log, config.select))
+        successes.append(succeeded(log))
+    kept = best(scores, successes, keep, successes_first=config.successes_first)
+    return [refs[i] for i in kept], {"kept": len(kept), "of": len(found), "rule": config.select}
+
+
+def _common_env(config: ConvertConfig, refs: list[EpisodeRef]) -> SpaceDockConfig | None:
+    """The environment of the first episode log, with the camera that was asked for; None for other sources."""
+    if config.format != "logs" or not refs:
+        return None
+    try:
+        recorded = load(refs[0]).log.metadata.get("config")
+    except FileFormatError:
+        return None
+    if not isinstance(recorded, dict):
+        return None
+    try:
+        env = SpaceDockConfig.from_options(**recorded)
+    except (InputError, TypeError):
+        return None
+    camera = replace(config.camera, port=env.port)
+    return replace(env, camera=camera, renderer=config.renderer, sun=config.sun, log_dir=None)
+
+
+def _plain_env(config: ConvertConfig) -> SpaceDockConfig:
+    return SpaceDockConfig(camera=config.camera, port=config.camera.port, renderer=config.renderer, sun=config.sun)
