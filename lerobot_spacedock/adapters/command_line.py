@@ -47,6 +47,16 @@ def num_episodes() -> int | None:
     return int(value) if value is not None else EvalConfig.n_episodes
 
 
+def env_option(name: str) -> Any:
+    """An option of the env that the running command evaluates in: as given, or as the env's id sets it."""
+    from lerobot_spacedock.env.registration import ENV_IDS
+
+    given = command_option(f"env.{name}")
+    if given is not None and given != "null":
+        return given
+    return ENV_IDS.get(command_option("env.task"), {}).get(name)
+
+
 def _names_a_remote_config() -> bool:
     from lerobot.configs import parser
 

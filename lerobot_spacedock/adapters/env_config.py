@@ -1,4 +1,4 @@
-"""``--env.type=spacedock``: the LeRobot face of the environments. Every ``SpaceDockConfig`` option is ``--env.<option>``."""
+"""``--env.type=spacedock``: the environments as LeRobot sees them; every option is ``--env.<option>``."""
 
 from __future__ import annotations
 

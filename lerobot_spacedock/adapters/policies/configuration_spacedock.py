@@ -1,0 +1,140 @@
+"""``--policy.type=spacedock_meta_rl | spacedock_mpc | spacedock_zem | spacedock_feedback``: their options."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lerobot.configs import PreTrainedConfig
+from lerobot.optim import AdamWConfig
+from lerobot.utils.constants import OBS_STATE
+
+from lerobot_spacedock.adapters import command_line
+from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.physics.contact import get_port
+from lerobot_spacedock.physics.frames import ACTION_DIM, OBSERVATION_NAMES, STATE_NAMES
+
+STATE_DIMS = (len(OBSERVATION_NAMES), len(STATE_NAMES))
+
+
+@dataclass
+class ExpertConfig(PreTrainedConfig):
+    """What all experts share. They read ``observation.state`` and look at no picture."""
+
+    # zvezda_aft | harmony_forward: where to dock; left out, the port of the env that the command names
+    port: str | None = None
+
+    # experts are evaluated, not trained by lerobot-train; push one with policy.push_to_hub(repo_id)
+    push_to_hub: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.port is None:
+            self.port = command_line.env_option("port") or "zvezda_aft"
+        get_port(self.port)
+
+    def validate_features(self) -> None:
+        """Raises InputError unless the state is observed whole and the action is a body wrench."""
+        state, action = self.robot_state_feature, self.action_feature
+        if state is None or tuple(state.shape) not in {(dim,) for dim in STATE_DIMS}:
+            given = "none" if state is None else f"shape {tuple(state.shape)}"
+            raise InputError(
+                f"{OBS_STATE} for --policy.type={self.type}",
+                given,
+                f"{' or '.join(map(str, STATE_DIMS))} values: {', '.join(OBSERVATION_NAMES)}, the mass at choice",
+                "The experts need the whole state: --env.obs_type=agent_pos, and not SpaceDockVision-v0.",
+            )
+        if action is None or tuple(action.shape) != (ACTION_DIM,):
+            given = "none" if action is None else f"shape {tuple(action.shape)}"
+            raise InputError(f"action for --policy.type={self.type}", given, f"({ACTION_DIM},), thrust and torque")
+
+    @property
+    def observation_delta_indices(self) -> None:
+        return None
+
+    @property
+    def action_delta_indices(self) -> list[int]:
+        return [0]
+
+    @property
+    def reward_delta_indices(self) -> None:
+        return None
+
+    def get_optimizer_preset(self) -> AdamWConfig:
+        return AdamWConfig()
+
+    def get_scheduler_preset(self) -> None:
+        return None
+
+
+@PreTrainedConfig.register_subclass("spacedock_meta_rl")
+@dataclass
+class SpaceDockMetaRlConfig(ExpertConfig):
+    """The recurrent meta-RL policy."""
+
+    # .safetensors of spacedock train-expert (its .json beside it); left out, the one that ships with the package
+    checkpoint: str | None = None
+    # sample the commands as in training, instead of flying their mean
+    stochastic: bool = False
+    # clear the memory before every step: what the memory is worth
+    forgetful: bool = False
+    # the network's shape and scales, filled in from the checkpoint; leave them out
+    lstm_size: int | None = None
+    hidden_sizes: tuple[int, ...] | None = None
+    thrust_scale_N: float | None = None
+    torque_scale_Nm: float | None = None
+
+    @property
+    def network_options(self) -> dict[str, object]:
+        """Shape and scales that are known; empty for a policy whose checkpoint has not been read yet."""
+        names = ("lstm_size", "hidden_sizes", "thrust_scale_N", "torque_scale_Nm")
+        options = {name: getattr(self, name) for name in names}
+        return {name: value for name, value in options.items() if value is not None}
+
+
+@dataclass
+class ClassicalConfig(ExpertConfig):
+    """What the classical controllers share."""
+
+    # the attitude model flown in: true where rates are inertial (the contact ids); left out, that of the env
+    hill_coupling: bool | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.hill_coupling is None:
+            self.hill_coupling = str(command_line.env_option("hill_coupling")).lower() == "true"
+
+
+@dataclass
+class DeadlineConfig(ClassicalConfig):
+    """What the controllers with a clock share."""
+
+    # step at which to arrive; 65 is the paper's horizon
+    deadline_steps: int = 65
+    # s, expected length of a step; the controller sees no clock of the environment's
+    deadline_step_s: float = 0.907
+    # m/s, closing speed at arrival (IDSS: 0.05 to 0.10); 0 stops at the port
+    closing_speed_m_s: float = 0.075
+
+
+@PreTrainedConfig.register_subclass("spacedock_mpc")
+@dataclass
+class SpaceDockMpcConfig(DeadlineConfig):
+    """Minimum-energy model-predictive control."""
+
+    # fixed | receding: arrive at the deadline, or whenever energy and time together cost least
+    mode: str = "fixed"
+
+
+@PreTrainedConfig.register_subclass("spacedock_zem")
+@dataclass
+class SpaceDockZemConfig(DeadlineConfig):
+    """ZEM/ZEV guidance with quaternion feedback."""
+
+
+@PreTrainedConfig.register_subclass("spacedock_feedback")
+@dataclass
+class SpaceDockFeedbackConfig(ClassicalConfig):
+    """The time-invariant state-feedback law that demonstrations can be made with."""
+
+    # W | V | Q: smoothest, fastest, between
+    law: str = "W"
