@@ -1,0 +1,81 @@
+"""What renderers of one process share: scenes, patterns, Earth and stars, each made once."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+
+from lerobot_spacedock.station import load_station, station_for_port
+
+from .scene import Scene, build_scene
+
+_lock = threading.RLock()
+_scenes: dict[tuple, Scene] = {}
+_warm = False
+
+
+def shared_scene(port: str, detail: str, station_mesh=None, station_pose=None) -> Scene:
+    """The scene for a port, a level of detail and perhaps a user's mesh."""
+    if station_mesh is None:
+        key: tuple = (port, detail)
+    else:
+        path = Path(station_mesh).expanduser().resolve()
+        stamp = path.stat().st_mtime_ns if path.exists() else 0
+        pose = None if station_pose is None else np.asarray(station_pose, float).tobytes()
+        key = (str(path), stamp, pose)
+    with _lock:
+        if key not in _scenes:
+            mesh = station_for_port(port, detail) if station_mesh is None else load_station(station_mesh, station_pose)
+            _scenes[key] = build_scene(mesh)
+        return _scenes[key]
+
+
+@functools.lru_cache(maxsize=1)
+def pattern_texels() -> np.ndarray:
+    """All surface patterns with their mip levels, flat uint32."""
+    from .patterns import make_patterns
+
+    return make_patterns()
+
+
+@functools.lru_cache(maxsize=1)
+def earth_texels() -> np.ndarray:
+    """The Earth patch below the station, flat uint32."""
+    from .earth import make_earth
+
+    return make_earth()
+
+
+@functools.lru_cache(maxsize=1)
+def star_table() -> np.ndarray:
+    """(S, 6) float64: direction in Hill axes and brightness in red, green, blue."""
+    from .earth import make_stars
+
+    return make_stars()
+
+
+def warm_up() -> None:
+    """Compile or load the kernels; the first time on a machine this takes some seconds, and says so."""
+    global _warm
+    with _lock:
+        if _warm:
+            return
+        notice = threading.Timer(
+            3.0,
+            lambda: print("spacedock: compiling the renderer (once on this machine, about 20 s) ...", file=sys.stderr),
+        )
+        notice.daemon = True
+        notice.start()
+        try:
+            started = time.monotonic()
+            from . import frame, kernels_shadow  # noqa: F401
+
+            _ = started
+        finally:
+            notice.cancel()
+        _warm = True

@@ -1,0 +1,94 @@
+"""The default renderer: a rasteriser in Numba that needs no GPU, no display and no GL library."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+
+from lerobot_spacedock.errors import SimulationError
+
+from .config import CameraConfig
+from .exposure import light_array
+from .kernels_raster import BAND_ROWS, SAMPLE_X_4
+from .pinhole import checked_pose, checked_sun, intrinsics, rotation_CH
+from .renderer import Buffers
+from .sensor import Sensor
+from .shared import earth_texels, pattern_texels, shared_scene, star_table, warm_up
+
+_work = threading.local()
+
+
+class SoftwareRenderer:
+    """Draws views of the station. Safe to use from several threads, and after fork or spawn."""
+
+    def __init__(self, config: CameraConfig, station_mesh=None, station_pose=None) -> None:
+        self.config = config
+        warm_up()
+        self._scene = shared_scene(config.port, config.detail, station_mesh, station_pose)
+        k = intrinsics(config)
+        self._view = np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2], config.near_m])
+        self._offsets = np.array(SAMPLE_X_4 if config.samples == 4 else (0.5,))
+        self._sensor = Sensor(config) if config.sensor.active else None
+
+    def render(self, r_H, q_HB, sun_H, *, generator=None) -> np.ndarray:
+        """See :class:`lerobot_spacedock.camera.Renderer`."""
+        r, q = checked_pose(r_H, q_HB)
+        return self._image(r, rotation_CH(q), checked_sun(sun_H), generator)
+
+    def render_buffers(self, r_H, q_HB, sun_H, *, generator=None) -> Buffers:
+        """See :class:`lerobot_spacedock.camera.Renderer`."""
+        from .frame import draw_geometry
+
+        r, q = checked_pose(r_H, q_HB)
+        rot = rotation_CH(q)
+        image = self._image(r, rot, checked_sun(sun_H), generator)
+        scene, config = self._scene, self.config
+        depth, segment = draw_geometry(
+            scene.corners, scene.faces, scene.clusters, scene.spheres, scene.segment, rot, r, self._view,
+            config.width, config.height, np.float32(config.far_m), *_scratch(len(scene.corners)),
+        )  # fmt: skip
+        return Buffers(image, depth, segment)
+
+    def close(self) -> None:
+        """Let go of the scene (other renderers may go on sharing it)."""
+        self._scene = None
+
+    def _image(self, r, rot, sun, generator) -> np.ndarray:
+        from .frame import draw_frame
+
+        if self._scene is None:
+            raise SimulationError("this renderer is closed; make another with make_renderer()")
+        scene, config = self._scene, self.config
+        light, star_gain = light_array(config, r, sun)
+        # the darkness of eclipse needs no maps: any that exist will do
+        maps = scene.shadow_maps(sun) if config.shadows and light[3] > 0.0 else _NO_MAPS
+        linear = np.zeros((config.height, config.width, 3) if self._sensor else (0, 0, 3), np.float32)
+        image = np.empty((config.height, config.width, 3), np.uint8)
+        draw_frame(
+            scene.corners, scene.faces, scene.clusters, scene.spheres, scene.table, scene.kind, scene.materials,
+            pattern_texels(), maps.maps, maps.start, maps.size, maps.affine, earth_texels(), star_table(), star_gain,
+            light, rot, r, self._view, config.width, config.height, BAND_ROWS, self._offsets,
+            *_scratch(len(scene.corners)), linear.reshape(-1), image.reshape(-1),
+        )  # fmt: skip
+        return self._sensor.expose(linear, generator) if self._sensor else image
+
+
+class _NoMaps:
+    maps = np.zeros(1, np.float32)
+    start = np.zeros(0, np.int64)
+    size = np.zeros(0, np.int64)
+    affine = np.zeros((0, 13), np.float32)
+
+
+_NO_MAPS = _NoMaps()
+
+
+def _scratch(triangles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Room for projected triangles, one a thread, shared by the thread's renderers."""
+    room = getattr(_work, "room", None)
+    if room is None or len(room[2]) < 2 * triangles:
+        n = 2 * triangles
+        room = np.empty((n, 6)), np.empty((n, 3)), np.empty(n, np.int32)
+        _work.room = room
+    return room
