@@ -6,7 +6,8 @@ ZEM and ZEV are the miss and the speed error that free motion would leave at the
 transition in place of the usual integrated gravity.
 
 Source: Ebrahimi, Bahrami and Roshanian, "Optimal sliding-mode guidance with terminal velocity constraint for
-fixed-interval propulsive maneuvers", Acta Astronautica 62 (2008); Guo, Hawkins and Wie, J. Guid. Control Dyn. 36 (2013).
+fixed-interval propulsive maneuvers", Acta Astronautica 62 (2008); Guo, Hawkins and Wie, J. Guid. Control Dyn. 36
+(2013).
 """
 
 from __future__ import annotations

@@ -1,0 +1,103 @@
+"""A trained actor on disk: ``NAME.safetensors`` with ``NAME.json`` beside it. Nothing is ever unpickled."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save
+
+from lerobot_spacedock import __version__
+from lerobot_spacedock.errors import FileFormatError
+from lerobot_spacedock.expert.features import FEATURE_DIM
+from lerobot_spacedock.expert.network import ARCHITECTURE, ARCHITECTURE_VERSION, ActorNetwork, NetworkConfig
+from lerobot_spacedock.physics.frames import ACTION_DIM
+
+SHIPPED = Path(__file__).parent / "checkpoints" / "meta_rl.safetensors"
+
+
+def save_actor(path: Path, network: ActorNetwork, training: dict[str, Any]) -> None:
+    """Writes weights and description, each aside and renamed.
+
+    Args:
+        path: ends in ``.safetensors``; the JSON gets the same stem.
+        network: the actor.
+        training: how it came about (config, interactions, …), JSON-ready.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    description = {
+        "architecture": ARCHITECTURE,
+        "architecture_version": ARCHITECTURE_VERSION,
+        "spacedock_version": __version__,
+        "feature_dim": FEATURE_DIM,
+        "action_dim": ACTION_DIM,
+        "network": network.config.to_json(),
+        "training": training,
+    }
+    aside = path.with_suffix(".safetensors.part")
+    aside.write_bytes(save({k: v.detach().cpu().contiguous() for k, v in network.state_dict().items()}))
+    os.replace(aside, path)
+    write_json(path.with_suffix(".json"), description)
+
+
+def load_actor(path: str | Path = SHIPPED) -> tuple[ActorNetwork, dict[str, Any]]:
+    """The actor and its description, from a ``.safetensors`` file or a folder that holds one ``policy.safetensors``.
+
+    Raises:
+        FileFormatError: no such file, another architecture or version, another action size, or shapes that differ.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / "policy.safetensors"
+    if not path.is_file():
+        raise FileFormatError(f"{path}: no such expert checkpoint; make one with: spacedock train-expert")
+    description = read_json(path.with_suffix(".json"))
+    for name, wanted in (
+        ("architecture", ARCHITECTURE),
+        ("architecture_version", ARCHITECTURE_VERSION),
+        ("feature_dim", FEATURE_DIM),
+        ("action_dim", ACTION_DIM),
+    ):
+        if description.get(name) != wanted:
+            raise FileFormatError(
+                f"{path.with_suffix('.json')}: {name} is {description.get(name)!r}, this version flies {wanted!r}; "
+                "train the expert again, or install the package version that wrote it "
+                f"({description.get('spacedock_version', 'unknown')})"
+            )
+    try:
+        network = ActorNetwork(NetworkConfig(**description["network"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileFormatError(f"{path.with_suffix('.json')}: unusable 'network': {error}") from error
+    try:
+        network.load_state_dict(load_file(path))
+    except SafetensorError as error:
+        raise FileFormatError(f"{path}: not a safetensors file ({error})") from error
+    except RuntimeError as error:
+        raise FileFormatError(f"{path}: weights do not fit {path.with_suffix('.json')}: {error}") from error
+    if not all(torch.isfinite(value).all() for value in network.state_dict().values()):
+        raise FileFormatError(f"{path}: weights that are not finite")
+    return network.eval(), description
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """A JSON object; FileFormatError where it is missing or malformed."""
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read ({error.strerror}); it belongs to the checkpoint") from error
+    except ValueError as error:
+        raise FileFormatError(f"{path}: not JSON ({error})") from error
+    if not isinstance(value, dict):
+        raise FileFormatError(f"{path}: a JSON object was expected, found {type(value).__name__}")
+    return value
+
+
+def write_json(path: Path, value: dict[str, Any]) -> None:
+    """Writes aside and renames."""
+    aside = path.with_suffix(path.suffix + ".part")
+    aside.write_text(json.dumps(value, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+    os.replace(aside, path)

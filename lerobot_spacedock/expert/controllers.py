@@ -1,0 +1,50 @@
+"""Experts by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lerobot_spacedock.env.config import TaskConfig
+from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.expert.deadline import Deadline
+from lerobot_spacedock.expert.feedback import LAWS, FeedbackPolicy
+from lerobot_spacedock.expert.mpc import MpcPolicy
+from lerobot_spacedock.expert.policy import Policy
+from lerobot_spacedock.expert.zem import ZemZevPolicy
+from lerobot_spacedock.physics.contact import get_port
+
+EXPERTS = ("meta_rl", "meta_rl_sampled", "meta_rl_forgetful", "mpc", "mpc_receding", "zem", *LAWS)
+PAPER_HORIZON_STEPS = 65
+
+
+def make_expert(name: str, task: TaskConfig, *, checkpoint: str | Path | None = None) -> Policy:
+    """The expert of that name, set up for a task.
+
+    Args:
+        name: one of ``EXPERTS``: the learnt policy (its mean, sampled, or with its memory cleared every step), MPC to a
+            deadline or with free time to go, ZEM/ZEV, and the feedback laws W, V and Q.
+        task: gives port, attitude model and horizon. Where there is contact the classical laws with a deadline arrive
+            with a closing speed in the middle of the allowed band; in the fixed-horizon task they stop at the port.
+        checkpoint: of the learnt policy; the shipped one by default.
+    """
+    where = {"port": get_port(task.port)}
+    if name in ("meta_rl", "meta_rl_sampled", "meta_rl_forgetful"):
+        from lerobot_spacedock.expert.checkpoint import SHIPPED
+        from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
+
+        options = {"stochastic": name == "meta_rl_sampled", "forgetful": name == "meta_rl_forgetful"}
+        return MetaRlPolicy.load(checkpoint or SHIPPED, **where, **options)
+    where["hill_coupling"] = task.hill_coupling
+    if name in LAWS:
+        return FeedbackPolicy(name, **where)
+    if task.contact:
+        deadline = Deadline(steps=PAPER_HORIZON_STEPS, step_s=task.time_step_mean_s)
+    else:
+        deadline = Deadline(steps=task.max_steps, step_s=task.time_step_mean_s, closing_speed_m_s=0.0)
+    if name == "mpc":
+        return MpcPolicy(deadline, **where)
+    if name == "mpc_receding":
+        return MpcPolicy(Deadline(step_s=task.time_step_mean_s), mode="receding", **where)
+    if name == "zem":
+        return ZemZevPolicy(deadline, **where)
+    raise InputError("expert", name, " | ".join(EXPERTS))

@@ -1,0 +1,193 @@
+"""``spacedock train-expert``: recurrent PPO from nothing to a policy that docks, with a checkpoint to resume from."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import time
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch.utils.tensorboard import SummaryWriter
+from tqdm import tqdm
+
+from lerobot_spacedock import __version__
+from lerobot_spacedock.env.config import TaskConfig
+from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.expert.checkpoint import save_actor, write_json
+from lerobot_spacedock.expert.evaluate import TASKS, VALIDATION_SEED, fly
+from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
+from lerobot_spacedock.expert.ppo import collect, make_ppo
+from lerobot_spacedock.expert.train_config import TrainExpertConfig
+from lerobot_spacedock.expert.train_state import checkpoints, export_actor, load_checkpoint, save_checkpoint
+from lerobot_spacedock.expert.training_tasks import TrainingTasks
+
+__all__ = ["TrainExpertConfig", "train_expert"]
+
+VALIDATION_TASKS = ("fixed same", "contact same", "meta random")
+
+
+def train_expert(config: TrainExpertConfig) -> int:
+    """Trains; writes checkpoints, logs, ``policy.safetensors`` and ``training.json`` under ``config.output_dir``.
+
+    Raises:
+        InputError: an option that cannot be used, or an output folder that exists.
+        FileFormatError: nothing to resume from, or a checkpoint of another configuration.
+    """
+    output = Path(config.output_dir)
+    resolved = json.loads(json.dumps(asdict(config)))
+    _prepare(config, output, resolved)
+    torch.set_num_threads(config.threads)
+    np.finfo(np.float32), np.finfo(np.float64)  # numpy looks at subnormals once, and warns if they are gone by then
+    # subnormal numbers in decaying LSTM states cost a factor on some CPUs and mean nothing
+    torch.set_flush_denormal(True)
+
+    tasks = TrainingTasks(config)
+    algorithm = make_ppo(config, tasks.reset(0))
+    progress: dict[str, Any] = {
+        "iteration": 0, "interactions": 0, "episodes": 0, "wall_s": 0.0, "collect_s": 0.0, "learn_s": 0.0,
+        "evaluate_s": 0.0, "imitation_s": 0.0, "demonstration_frames": 0, "curve": [],
+    }  # fmt: skip
+    if config.resume:
+        progress = load_checkpoint(output / "checkpoints", algorithm, resolved)
+    elif config.init_from is not None:
+        from lerobot_spacedock.expert.imitate import imitate
+
+        progress |= imitate(config, algorithm)
+
+    writer = SummaryWriter(str(output / "tensorboard"), purge_step=progress["interactions"] or None)
+    stop_at = config.iterations
+    if config.stop_after:
+        stop_at = min(stop_at, config.stop_after)
+    per_iteration = config.num_envs * config.episode_steps
+    started, before = time.perf_counter(), progress["wall_s"]
+    bar = tqdm(
+        total=config.iterations * per_iteration, initial=progress["interactions"], unit="step", unit_scale=True,
+        desc="train-expert", dynamic_ncols=True,
+    )  # fmt: skip
+    with writer, bar:
+        if progress["iteration"] == 0:
+            _evaluate(config, algorithm, progress, writer, bar)
+        while progress["iteration"] < stop_at:
+            _iterate(config, algorithm, tasks, progress, writer)
+            bar.update(per_iteration)
+            progress["wall_s"] = before + time.perf_counter() - started
+            last = progress["iteration"] == stop_at
+            if last or progress["iteration"] % config.evaluate_every == 0:
+                _evaluate(config, algorithm, progress, writer, bar)
+                progress["wall_s"] = before + time.perf_counter() - started
+            if last or progress["iteration"] % config.checkpoint_every == 0:
+                save_checkpoint(output / "checkpoints", config, algorithm, progress, resolved)
+    _finish(config, algorithm, progress, output, resolved)
+    return 0
+
+
+def _prepare(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) -> None:
+    if not config.resume and output.exists() and any(output.iterdir()):
+        raise InputError(
+            "output_dir",
+            str(output),
+            "a folder that does not exist yet",
+            "Give another --output_dir, or --resume=true to go on from its last checkpoint.",
+        )
+    if config.resume and not checkpoints(output / "checkpoints"):
+        raise InputError("resume", str(output), "an output_dir with checkpoints/", "Start without --resume=true.")
+    if torch.device(config.device).type == "cuda" and not torch.cuda.is_available():
+        raise InputError("device", config.device, "cpu, or cuda where torch sees a GPU")
+    output.mkdir(parents=True, exist_ok=True)
+    if not config.resume:
+        write_json(output / "config.json", resolved)
+
+
+def _iterate(config, algorithm, tasks, progress, writer) -> None:
+    """One batch of episodes, one update."""
+    fraction = progress["iteration"] / config.iterations
+    tasks.smoothness_weight = smoothness_weight(config, fraction)
+    algorithm.desired_kl = desired_kl(config, fraction)
+    start = time.perf_counter()
+    episode_return = collect(algorithm, tasks, progress["iteration"], config.episode_steps)
+    middle = time.perf_counter()
+    losses = algorithm.update()
+    end = time.perf_counter()
+    progress["collect_s"] += middle - start
+    progress["learn_s"] += end - middle
+    progress["iteration"] += 1
+    progress["episodes"] += config.num_envs
+    progress["interactions"] += config.num_envs * config.episode_steps
+    step = progress["interactions"]
+    writer.add_scalar("train/return", episode_return, step)
+    writer.add_scalar("train/value_loss", losses["value"], step)
+    writer.add_scalar("train/surrogate_loss", losses["surrogate"], step)
+    writer.add_scalar("train/learning_rate", algorithm.learning_rate, step)
+    writer.add_scalar("train/smoothness_weight", tasks.smoothness_weight, step)
+    std = algorithm.actor.distribution.log_std_param.detach().exp()
+    writer.add_scalar("train/std_thrust", std[:3].mean().item(), step)
+    writer.add_scalar("train/std_torque", std[3:].mean().item(), step)
+    writer.add_scalar("train/steps_per_s", config.num_envs * config.episode_steps / (end - start), step)
+
+
+def smoothness_weight(config: TrainExpertConfig, fraction: float) -> float:
+    """Weight of the change of command after ``fraction`` of the training; grows exponentially to its final value."""
+    final = config.reward.smoothness
+    if final <= config.smoothness_start or config.smoothness_ramp == 0.0:
+        return final
+    along = min(fraction / config.smoothness_ramp, 1.0)
+    return config.smoothness_start * (final / config.smoothness_start) ** along
+
+
+def desired_kl(config: TrainExpertConfig, fraction: float) -> float:
+    """Step size of an update: constant while the smoothness weight grows, then down to its final value."""
+    ppo = config.ppo
+    along = max(fraction - config.smoothness_ramp, 0.0) / max(1.0 - config.smoothness_ramp, 1e-9)
+    return ppo.desired_kl * (ppo.final_desired_kl / ppo.desired_kl) ** along
+
+
+def _evaluate(config, algorithm, progress, writer, bar) -> None:
+    """The mean policy on validation episodes; a point of the learning curve."""
+    start = time.perf_counter()
+    random_state = torch.get_rng_state()
+    policy = MetaRlPolicy(export_actor(config, algorithm))
+    point: dict[str, Any] = {name: progress[name] for name in ("interactions", "episodes", "wall_s")}
+    for name in VALIDATION_TASKS:
+        task: TaskConfig = replace(TASKS[name], meta=config.meta)
+        seeds = VALIDATION_SEED + np.arange(config.evaluation_episodes)
+        summary = {key: float(value) for key, value in fly(policy, task, seeds).summary().items()}
+        point[name] = summary
+        for key, value in summary.items():
+            writer.add_scalar(f"{name.replace(' ', '_')}/{key}", value, progress["interactions"])
+    torch.set_rng_state(random_state)
+    progress["curve"].append(point)
+    progress["evaluate_s"] += time.perf_counter() - start
+    nominal, meta = point["contact same"], point["meta random"]
+    bar.set_postfix_str(
+        f"IDSS {nominal['idss_percent']:.0f}/{meta['idss_percent']:.0f} % "
+        f"miss {100 * nominal['miss_mean_m']:.1f}/{100 * meta['miss_mean_m']:.1f} cm "
+        f"smoothness {nominal['smoothness_mean']:.2f}"
+    )
+
+
+def _finish(config, algorithm, progress, output: Path, resolved: dict[str, Any]) -> None:
+    """Writes the policy and the account of the training, and says what to do next."""
+    account = {name: value for name, value in progress.items() if name != "curve"}
+    account["device"] = config.device
+    account["processor"] = platform.processor() or platform.machine()
+    account["cpu_count"] = os.cpu_count()
+    account["torch"] = torch.__version__
+    account["spacedock"] = __version__
+    save_actor(output / "policy.safetensors", export_actor(config, algorithm), {"config": resolved, **account})
+    write_json(output / "training.json", account | {"config": resolved, "curve": progress["curve"]})
+    print(
+        f"{progress['episodes']} episodes, {progress['interactions']} interactions, "
+        f"{progress['wall_s'] / 60:.1f} min (flying {progress['collect_s'] / 60:.1f}, learning "
+        f"{progress['learn_s'] / 60:.1f}, evaluating {progress['evaluate_s'] / 60:.1f})"
+    )
+    print(f"wrote {output / 'policy.safetensors'}, {output / 'training.json'}, {output / 'tensorboard'}")
+    if progress["iteration"] < config.iterations:
+        print(f"go on with: spacedock train-expert --output_dir={output} --resume=true … (the same options)")
+    else:
+        print(f"next: python -m lerobot_spacedock.expert.evaluate --checkpoint={output / 'policy.safetensors'}")
+        print("      spacedock demos --help")

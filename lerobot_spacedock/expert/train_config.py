@@ -1,0 +1,169 @@
+"""Every option of ``spacedock train-expert``, with its meaning; YAML and flags hold overrides only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from lerobot_spacedock.env.reward_config import RewardConfig
+from lerobot_spacedock.env.scenario_config import MetaRanges, get_initial_conditions
+from lerobot_spacedock.errors import InputError
+
+
+@dataclass(frozen=True)
+class TaskShare:
+    """One kind of task in the training distribution."""
+
+    # fraction of the environments that fly it
+    share: float = 1.0
+    # same | random | same_dispersed | wide
+    initial_conditions: str = "wide"
+    # nominal | meta
+    dynamics: str = "meta"
+    # the attitude feels the Hill frame turn (the contact ids do, SpaceDock-v0 does not)
+    hill_coupling: bool = True
+    # random shoves of the chaser during the episode, so that the policy knows its way back
+    shoves: bool = False
+
+    def __post_init__(self) -> None:
+        get_initial_conditions(self.initial_conditions)
+        if not 0.0 < self.share <= 1.0:
+            raise InputError("tasks.share", self.share, "a fraction above 0 and at most 1")
+        if self.dynamics not in ("nominal", "meta"):
+            raise InputError("tasks.dynamics", self.dynamics, "nominal | meta")
+
+
+@dataclass(frozen=True)
+class ShoveConfig:
+    """Shoves: what a disturbance within one step does to the chaser; the policy sees its effect only."""
+
+    # probability per step
+    probability: float = 0.06
+    # m/s, standard deviation of the change of velocity, each axis: 40 N over a step of 0.9 s
+    velocity_m_s: float = 0.036
+    # deg/s, standard deviation of the change of rate, each axis: 3 N·m over a step of 0.9 s
+    rate_deg_s: float = 0.23
+
+
+@dataclass(frozen=True)
+class ActorConfig:
+    """Shape of the actor, units of its output."""
+
+    # hidden units of the LSTM; 0 trains a feed-forward actor instead
+    lstm_size: int = 64
+    # hidden layers of the MLP behind it
+    hidden_sizes: list[int] = field(default_factory=lambda: [64])
+    # N per unit of output
+    thrust_scale_N: float = 40.0
+    # N·m per unit of output
+    torque_scale_Nm: float = 1.5
+    # N, the policy's own limit of each thrust component; the gentlest that is strong enough makes the smoothest flight
+    thrust_limit_N: float = 38.0
+    # N·m, the same for torque
+    torque_limit_Nm: float = 20.0
+    # standard deviation of the first actions, in units of output
+    initial_std: float = 0.5
+
+
+@dataclass(frozen=True)
+class PpoConfig:
+    """Proximal policy optimisation (rsl-rl)."""
+
+    # passes over each batch of episodes
+    epochs: int = 4
+    # parts of the batch per pass
+    mini_batches: int = 4
+    clip: float = 0.2
+    # discount per step
+    gamma: float = 0.99
+    # trace decay of the advantages
+    gae_lambda: float = 0.95
+    # at the start; adapted to `desired_kl` from then on
+    learning_rate: float = 1e-3
+    # how far the policy may move in an update
+    desired_kl: float = 0.01
+    # the same at the end of the training: smaller steps settle the last millimetres
+    final_desired_kl: float = 0.01
+    max_grad_norm: float = 1.0
+    # hidden layers of the critic
+    critic_hidden_sizes: list[int] = field(default_factory=lambda: [128, 128])
+
+
+def default_tasks() -> list[TaskShare]:
+    """Mostly the meta distribution from wide starts; the paper's exact chaser too, in both attitude models."""
+    return [
+        TaskShare(0.375, "wide", "meta", True),
+        TaskShare(0.125, "wide", "meta", True, shoves=True),
+        TaskShare(0.125, "same", "meta", True),
+        TaskShare(0.25, "random", "nominal", False),
+        TaskShare(0.125, "same", "nominal", False),
+    ]
+
+
+@dataclass
+class TrainExpertConfig:
+    """Recurrent PPO on the batched simulator, over a distribution of chasers and starts."""
+
+    # where checkpoints, logs and the policy go; must not exist, unless `resume` is given
+    output_dir: str = "outputs/expert/meta_rl"
+    # go on from the last checkpoint in `output_dir`, exactly as if it had never stopped
+    resume: bool = False
+    # seed of weights, tasks and exploration
+    seed: int = 0
+    # cpu | cuda | cuda:1 …: where the networks are; the simulator is on the CPU
+    device: str = "cpu"
+    # torch threads on the CPU; more than one rarely pays at this size
+    threads: int = 1
+    # environment steps to train on
+    interactions: int = 8_000_000
+    # chasers flown at once; each iteration is one whole episode of each
+    num_envs: int = 256
+    # steps in a training episode; it flies on through the port, so that nothing ends it early
+    episode_steps: int = 80
+    # the training distribution
+    tasks: list[TaskShare] = field(default_factory=default_tasks)
+    shoves: ShoveConfig = field(default_factory=ShoveConfig)
+    meta: MetaRanges = field(default_factory=MetaRanges)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    # weight of the reward's `smoothness` at the start; it grows to its value in `reward` exponentially, …
+    smoothness_start: float = 0.003
+    # … over this fraction of the training: first to fly, then to fly smoothly
+    smoothness_ramp: float = 0.7
+    actor: ActorConfig = field(default_factory=ActorConfig)
+    ppo: PpoConfig = field(default_factory=PpoConfig)
+    # iterations between checkpoints
+    checkpoint_every: int = 25
+    # iterations between evaluations on validation episodes
+    evaluate_every: int = 25
+    # validation episodes of each kind
+    evaluation_episodes: int = 256
+    # stop after this many iterations, keeping a checkpoint to resume from; 0: at the end only
+    stop_after: int = 0
+    # repo id or folder of a LeRobot dataset to imitate first (warm start); needs `init_root` or a cached dataset
+    init_from: str | None = None
+    # folder of that dataset
+    init_root: str | None = None
+    # passes over the demonstrations in the warm start
+    init_epochs: int = 30
+
+    def __post_init__(self) -> None:
+        total = sum(task.share for task in self.tasks)
+        if not self.tasks or abs(total - 1.0) > 1e-6:
+            raise InputError("tasks", f"shares that add up to {total:g}", "shares that add up to 1")
+        for name in ("interactions", "num_envs", "episode_steps", "checkpoint_every", "evaluate_every", "threads"):
+            if getattr(self, name) < 1:
+                raise InputError(name, getattr(self, name), "an integer ≥ 1")
+        if self.num_envs % self.ppo.mini_batches:
+            raise InputError("num_envs", self.num_envs, f"a multiple of ppo.mini_batches ({self.ppo.mini_batches})")
+        if not 0.0 <= self.smoothness_ramp <= 1.0 or not self.smoothness_start > 0.0:
+            raise InputError(
+                "smoothness_ramp, smoothness_start",
+                (self.smoothness_ramp, self.smoothness_start),
+                "a fraction from 0 to 1, and a positive weight",
+            )
+        if self.init_epochs < 1:
+            raise InputError("init_epochs", self.init_epochs, "an integer ≥ 1")
+
+    @property
+    def iterations(self) -> int:
+        """Updates in the whole training."""
+        return max(1, round(self.interactions / (self.num_envs * self.episode_steps)))

@@ -1,0 +1,143 @@
+"""A training on disk, whole: networks, optimiser, random state, counters. A folder per checkpoint, renamed into place.
+
+``OUT/checkpoints/000125/`` holds ``policy.safetensors`` + ``policy.json`` (what flies) and ``training.safetensors`` +
+``training.json`` (what resumes). Tensors in safetensors, the rest in JSON: nothing is unpickled.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import torch
+from rsl_rl.algorithms import PPO
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save
+from torch import Tensor
+
+from lerobot_spacedock.errors import FileFormatError
+from lerobot_spacedock.expert.checkpoint import read_json, save_actor, write_json
+from lerobot_spacedock.expert.network import ActorNetwork, NetworkConfig
+from lerobot_spacedock.expert.train_config import TrainExpertConfig
+
+STATE_VERSION = 1
+KEPT_CHECKPOINTS = 2
+
+
+def export_actor(config: TrainExpertConfig, algorithm: PPO) -> ActorNetwork:
+    """The trained actor, free of rsl_rl."""
+    actor = config.actor
+    network = ActorNetwork(
+        NetworkConfig(
+            lstm_size=actor.lstm_size,
+            hidden_sizes=tuple(actor.hidden_sizes),
+            thrust_scale_N=actor.thrust_scale_N,
+            torque_scale_Nm=actor.torque_scale_Nm,
+            thrust_limit_N=actor.thrust_limit_N,
+            torque_limit_Nm=actor.torque_limit_Nm,
+        )
+    )
+    network.load_rsl_rl({k: v.detach().cpu() for k, v in algorithm.actor.state_dict().items()})
+    return network.eval()
+
+
+def save_checkpoint(
+    folder: Path, config: TrainExpertConfig, algorithm: PPO, progress: dict[str, Any], resolved: dict[str, Any]
+) -> Path:
+    """Writes checkpoint ``progress["iteration"]`` under ``folder`` and removes all but the newest few."""
+    target = folder / f"{progress['iteration']:06d}"
+    aside = folder / f".{target.name}.part"
+    shutil.rmtree(aside, ignore_errors=True)
+    aside.mkdir(parents=True)
+    save_actor(aside / "policy.safetensors", export_actor(config, algorithm), {"config": resolved, **progress})
+    (aside / "training.safetensors").write_bytes(save(_tensors(algorithm)))
+    write_json(
+        aside / "training.json",
+        {
+            "version": STATE_VERSION,
+            "config": resolved,
+            "progress": progress,
+            "learning_rate": algorithm.learning_rate,
+        },
+    )
+    shutil.rmtree(target, ignore_errors=True)
+    os.replace(aside, target)
+    for old in checkpoints(folder)[:-KEPT_CHECKPOINTS]:
+        shutil.rmtree(old)
+    return target
+
+
+def checkpoints(folder: Path) -> list[Path]:
+    """Whole checkpoints under ``folder``, oldest first."""
+    if not folder.is_dir():
+        return []
+    return sorted(path for path in folder.iterdir() if path.is_dir() and path.name.isdigit())
+
+
+def load_checkpoint(folder: Path, algorithm: PPO, resolved: dict[str, Any]) -> dict[str, Any]:
+    """Restores the newest checkpoint into ``algorithm``; returns its progress.
+
+    Raises:
+        FileFormatError: none there, another version, another configuration, or files that do not fit.
+    """
+    found = checkpoints(folder)
+    if not found:
+        raise FileFormatError(f"{folder}: no checkpoint to resume from; start without --resume=true")
+    path = found[-1]
+    state = read_json(path / "training.json")
+    if state.get("version") != STATE_VERSION:
+        raise FileFormatError(f"{path}: training state of version {state.get('version')}, this is {STATE_VERSION}")
+    _refuse_other_config(path, state["config"], resolved)
+    try:
+        tensors = load_file(path / "training.safetensors")
+    except (OSError, SafetensorError) as error:
+        raise FileFormatError(f"{path / 'training.safetensors'}: cannot be read ({error})") from error
+    try:
+        for name, model in (("actor", algorithm.actor), ("critic", algorithm.critic)):
+            model.load_state_dict(_part(tensors, name))
+        _load_optimizer(algorithm.optimizer, _part(tensors, "optimizer"))
+        torch.set_rng_state(tensors["random.cpu"])
+        if "random.cuda" in tensors and torch.cuda.is_available():
+            torch.cuda.set_rng_state(tensors["random.cuda"], algorithm.device)
+    except (RuntimeError, KeyError) as error:
+        raise FileFormatError(f"{path / 'training.safetensors'}: does not fit the configuration: {error}") from error
+    algorithm.learning_rate = state["learning_rate"]
+    for group in algorithm.optimizer.param_groups:
+        group["lr"] = state["learning_rate"]
+    return state["progress"]
+
+
+def _refuse_other_config(path: Path, saved: dict[str, Any], wanted: dict[str, Any]) -> None:
+    free = {"resume", "output_dir", "threads", "device", "stop_after", "checkpoint_every", "init_root"}
+    changed = sorted(name for name in saved.keys() | wanted.keys() if saved.get(name) != wanted.get(name))
+    changed = [name for name in changed if name not in free]
+    if changed:
+        text = ", ".join(f"{name}: {saved.get(name)!r} → {wanted.get(name)!r}" for name in changed)
+        raise FileFormatError(f"{path}: made with another configuration ({text}); resume with the same one")
+
+
+def _tensors(algorithm: PPO) -> dict[str, Tensor]:
+    tensors = {f"actor.{k}": v for k, v in algorithm.actor.state_dict().items()}
+    tensors |= {f"critic.{k}": v for k, v in algorithm.critic.state_dict().items()}
+    for index, state in algorithm.optimizer.state_dict()["state"].items():
+        tensors |= {f"optimizer.{index}.{k}": torch.as_tensor(v) for k, v in state.items()}
+    tensors["random.cpu"] = torch.get_rng_state()
+    if torch.device(algorithm.device).type == "cuda":
+        tensors["random.cuda"] = torch.cuda.get_rng_state(algorithm.device)
+    return {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
+
+
+def _part(tensors: dict[str, Tensor], name: str) -> dict[str, Tensor]:
+    prefix = f"{name}."
+    return {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+
+
+def _load_optimizer(optimizer: torch.optim.Optimizer, tensors: dict[str, Tensor]) -> None:
+    whole = optimizer.state_dict()
+    whole["state"] = {}
+    for name, value in tensors.items():
+        index, key = name.split(".", 1)
+        whole["state"].setdefault(int(index), {})[key] = value
+    optimizer.load_state_dict(whole)
