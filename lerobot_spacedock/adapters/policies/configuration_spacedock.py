@@ -82,11 +82,20 @@ class SpaceDockMetaRlConfig(ExpertConfig):
     hidden_sizes: tuple[int, ...] | None = None
     thrust_scale_N: float | None = None
     torque_scale_Nm: float | None = None
+    thrust_limit_N: float | None = None
+    torque_limit_Nm: float | None = None
 
     @property
     def network_options(self) -> dict[str, object]:
         """Shape and scales that are known; empty for a policy whose checkpoint has not been read yet."""
-        names = ("lstm_size", "hidden_sizes", "thrust_scale_N", "torque_scale_Nm")
+        names = (
+            "lstm_size",
+            "hidden_sizes",
+            "thrust_scale_N",
+            "torque_scale_Nm",
+            "thrust_limit_N",
+            "torque_limit_Nm",
+        )
         options = {name: getattr(self, name) for name in names}
         return {name: value for name, value in options.items() if value is not None}
 
