@@ -13,7 +13,7 @@ from lerobot_spacedock.expert.policy import Policy
 from lerobot_spacedock.expert.zem import ZemZevPolicy
 from lerobot_spacedock.physics.contact import get_port
 
-EXPERTS = ("meta_rl", "meta_rl_sampled", "meta_rl_forgetful", "mpc", "mpc_receding", "zem", *LAWS)
+EXPERTS = ("meta_rl", "meta_rl_sampled", "meta_rl_forgetful", "mpc", "mpc_fixed", "zem", *LAWS)
 PAPER_HORIZON_STEPS = 65
 
 
@@ -21,8 +21,8 @@ def make_expert(name: str, task: TaskConfig, *, checkpoint: str | Path | None = 
     """The expert of that name, set up for a task.
 
     Args:
-        name: one of ``EXPERTS``: the learnt policy (its mean, sampled, or with its memory cleared every step), MPC to a
-            deadline or with free time to go, ZEM/ZEV, and the feedback laws W, V and Q.
+        name: one of ``EXPERTS``: the learnt policy (its mean, sampled, or with its memory cleared every step), MPC with
+            free time to go or to a deadline, ZEM/ZEV, and the feedback laws W, V and Q.
         task: gives port, attitude model and horizon. Where there is contact the classical laws with a deadline arrive
             with a closing speed in the middle of the allowed band; in the fixed-horizon task they stop at the port.
         checkpoint: of the learnt policy; the shipped one by default.
@@ -41,9 +41,9 @@ def make_expert(name: str, task: TaskConfig, *, checkpoint: str | Path | None = 
         deadline = Deadline(steps=PAPER_HORIZON_STEPS, step_s=task.time_step_mean_s)
     else:
         deadline = Deadline(steps=task.max_steps, step_s=task.time_step_mean_s, closing_speed_m_s=0.0)
-    if name == "mpc":
+    if name == "mpc_fixed":
         return MpcPolicy(deadline, **where)
-    if name == "mpc_receding":
+    if name == "mpc":
         return MpcPolicy(Deadline(step_s=task.time_step_mean_s), mode="receding", **where)
     if name == "zem":
         return ZemZevPolicy(deadline, **where)
