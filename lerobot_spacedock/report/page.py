@@ -23,9 +23,11 @@ def render_page(study: Study, title: str, tables: list[Table], figures: list[tup
     css = resources.files("lerobot_spacedock.report").joinpath("page.css").read_text(encoding="utf-8")
     paper_tables = [t for t in tables if t.key.startswith("table")]
     paper_figures = [f for f in figures if f[0].key.startswith("figure")]
-    more_tables = [t for t in tables if t not in paper_tables]
+    first = [t for t in tables if t.key == "glance"]
+    more_tables = [t for t in tables if t not in paper_tables and t not in first]
     more_figures = [f for f in figures if f not in paper_figures]
     sections = [
+        ("first", "At a glance", "".join(map(to_html, first))),
         ("paper-tables", "The paper's tables", "".join(map(to_html, paper_tables))),
         ("paper-figures", "The paper's figures", "".join(_figure(study, *f) for f in paper_figures)),
         ("more-tables", "Docking, effort and statistics", "".join(map(to_html, more_tables))),

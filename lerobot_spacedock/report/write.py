@@ -11,7 +11,8 @@ import numpy as np
 
 from lerobot_spacedock.metrics.catalog import BY_NAME
 from lerobot_spacedock.metrics.statistics import summarize
-from lerobot_spacedock.report.figures import paper_figures
+from lerobot_spacedock.report import comparison_tables, docking_tables, effort_tables
+from lerobot_spacedock.report.figures import docking_figures, paper_figures
 from lerobot_spacedock.report.figures.style import Figure, panel_svgs, write_paper_files
 from lerobot_spacedock.report.model import Study
 from lerobot_spacedock.report.page import render_page
@@ -27,7 +28,24 @@ LATEX_HEAD = "% \\usepackage{booktabs} is all that these tables need\n\n"
 
 def make_tables(study: Study, cfg: ReportConfig) -> list[Table]:
     """Every table, in the page's order."""
-    return [table1(study), table2(study), table3(study), table4(study)]
+    tables = [
+        docking_tables.at_a_glance(study),
+        table1(study),
+        table2(study),
+        table3(study),
+        table4(study),
+        docking_tables.ladder(study),
+        docking_tables.conditions_table(study),
+        docking_tables.contact_table(study),
+        docking_tables.safety_table(study),
+        comparison_tables.intervals_table(study, cfg.resamples),
+        comparison_tables.pairs_table(study),
+        comparison_tables.matched_table(study),
+        comparison_tables.seeds_table(study),
+        effort_tables.effort_table(study),
+        effort_tables.smoothness_table(study),
+    ]
+    return [table for table in tables if table is not None]
 
 
 def make_figures(study: Study) -> list[Figure]:
@@ -38,6 +56,10 @@ def make_figures(study: Study) -> list[Figure]:
         paper_figures.figure5,
         paper_figures.figure6,
         paper_figures.figure7,
+        docking_figures.contact_figure,
+        docking_figures.range_rate_figure,
+        docking_figures.error_figure,
+        docking_figures.effort_figure,
     )
     return [make(study, conditions) for make in makers for conditions in study.conditions()]
 
