@@ -64,7 +64,7 @@ class MetaRanges:
     mass_fraction: float = 0.2
     # ± fraction of each principal moment: slosh and cargo placement move them more than the mass
     inertia_fraction: float = 0.2
-    # ± kg·m², each product of inertia: about 1 % of the moments
+    # ± kg·m², each product of inertia: about a hundredth of the moments
     inertia_product_kg_m2: float = 7.0
     # (least, most) executed over commanded thrust, per axis: thrusters lose more than they gain
     thrust_scale: tuple[float, float] = (0.85, 1.05)
