@@ -12,7 +12,10 @@ import dataclasses
 import difflib
 import importlib
 import io
+import json
+import re
 import sys
+import typing
 from collections.abc import Sequence
 from typing import Any
 
@@ -90,13 +93,15 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
 
     parser = ArgumentParser(config_class, prog=prog)
     if "-h" in arguments or "--help" in arguments:
+        for action in parser.parser._actions:  # argparse formats help texts: "99 %" would be taken for a format
+            action.help = re.sub(r"%(?!\()", "%%", action.help or "")
         parser.parser.print_help()
         raise SystemExit(0)
     known = sorted({flag for action in parser.parser._actions for flag in action.option_strings} - {"-h", "--help"})
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
-            config, unknown = parser.parse_known_args(_switches_as_values(arguments))
+            config, unknown = parser.parse_known_args(_joined(arguments, _list_flags(config_class)))
     except SystemExit as error:  # argparse's own way out: a value missing, or not among the choices
         message = complaint.getvalue().strip().rpartition("error: ")[2]
         raise InputError(prog, " ".join(arguments), " ".join(known), f"{message}.") from error
@@ -110,13 +115,40 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
     return config
 
 
-def _switches_as_values(arguments: Sequence[str]) -> list[str]:
-    """``--flag`` followed by nothing or by another flag means ``--flag=true``."""
-    out = []
-    for argument, following in zip(arguments, [*arguments[1:], "--"], strict=True):
-        bare = argument.startswith("--") and "=" not in argument and following.startswith("--")
-        out.append(f"{argument}=true" if bare else argument)
+def _joined(arguments: Sequence[str], list_flags: set[str]) -> list[str]:
+    """One ``--flag=value`` a flag: a bare ``--flag`` is true; a list's values, in one place or several, are one list."""
+    given: dict[str, list[str]] = {}
+    stray: list[str] = []
+    flag = None
+    for argument in arguments:
+        if argument.startswith("--"):
+            flag, equals, value = argument.partition("=")
+            given.setdefault(flag, [])
+            if equals:
+                given[flag].append(value)
+        elif flag is None:
+            stray.append(argument)
+        else:
+            given[flag].append(argument)
+    out = list(stray)
+    for flag, values in given.items():
+        if flag in list_flags and not (len(values) == 1 and values[0].startswith("[")):
+            out.append(f"{flag}={json.dumps(values)}")
+        else:
+            out += [f"{flag}={value}" for value in values or ["true"]]
     return out
+
+
+def _list_flags(config_class: type, prefix: str = "--") -> set[str]:
+    """Flags of list and tuple fields, nested ones included."""
+    flags = set()
+    for name, hint in typing.get_type_hints(config_class).items():
+        kinds = {typing.get_origin(part) or part for part in (hint, *typing.get_args(hint))}
+        if kinds & {list, tuple}:
+            flags.add(prefix + name)
+        elif dataclasses.is_dataclass(hint):
+            flags |= _list_flags(hint, f"{prefix}{name}.")
+    return flags
 
 
 def _suggestion(given: str, known: Sequence[str]) -> str:

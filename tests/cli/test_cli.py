@@ -22,6 +22,7 @@ class Config:
     repo_id: str  # name of the dataset
     num_episodes: int = 10  # how many to keep
     overwrite: bool = False  # replace what is there
+    runs: list[str] = dataclasses.field(default_factory=list)  # label=folder
     camera: Camera = dataclasses.field(default_factory=Camera)  # the camera
 
 
@@ -38,6 +39,19 @@ def test_a_bare_switch_means_true():
     assert parse("--overwrite", "--repo_id=a/b").overwrite is True
     assert parse("--repo_id=a/b", "--overwrite").overwrite is True
     assert parse("--repo_id=a/b", "--overwrite=false").overwrite is False
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--runs", "A=x/y", "B=z,w", "--repo_id=a/b"),
+        ("--runs=A=x/y", "--repo_id=a/b", "--runs", "B=z,w"),
+        ("--repo_id=a/b", '--runs=["A=x/y", "B=z,w"]'),
+    ],
+)
+def test_a_list_is_given_in_one_place_or_several(arguments):
+    assert parse(*arguments).runs == ["A=x/y", "B=z,w"]
+    assert parse("--repo_id=a/b", "--runs", "A=x/y").runs == ["A=x/y"]
 
 
 def test_flags_override_the_config_file(tmp_path):
@@ -78,9 +92,10 @@ def test_an_unknown_verb_lists_the_verbs(capsys):
 
 
 def test_no_verb_shows_all_and_fails(capsys):
-    assert cli.main([]) == cli.USAGE_ERROR
-    assert cli.main(["--help"]) == 0
-    assert all(verb in capsys.readouterr().out for verb in cli.VERBS)
+    for arguments, status in (([], cli.USAGE_ERROR), (["--help"], 0)):
+        assert cli.main(arguments) == status
+        out = capsys.readouterr().out
+        assert all(verb in out for verb in cli.VERBS)
 
 
 @pytest.mark.parametrize("name", cli.VERBS)
