@@ -1,0 +1,139 @@
+"""What is drawn per episode: ranges as published, distributions as named, independence of what else is drawn."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from lerobot_spacedock.env.batch import BatchedSpaceDock
+from lerobot_spacedock.env.config import TaskConfig
+from lerobot_spacedock.env.random import STREAM_START, bits, normal_pair, uniform
+from lerobot_spacedock.env.scenario_config import MetaRanges
+from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.physics import chaser as p
+
+COUNT = 3000
+
+
+def drawn(**options):
+    batch = BatchedSpaceDock(COUNT, TaskConfig(**options))
+    batch.reset(np.arange(COUNT))
+    return batch
+
+
+def assert_uniform(values, low, high):
+    assert values.min() >= low
+    assert values.max() <= high
+    assert stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue > 1e-4
+
+
+# Table 2 of the paper, and what the published rollouts add to it
+@pytest.mark.parametrize(
+    ("name", "lateral", "axial", "dispersed"),
+    [
+        ("same", 1.0, (-26.0, -24.0), False),
+        ("random", 2.5, (-27.5, -22.5), True),
+        ("same_dispersed", 1.0, (-26.0, -24.0), True),
+    ],
+)
+def test_starts_fill_the_published_boxes(name, lateral, axial, dispersed):
+    state = drawn(initial_conditions=name).sim.state
+    for column in (0, 2):
+        assert_uniform(state[:, column], -lateral, lateral)
+    assert_uniform(state[:, 1], *axial)
+    turn = Rotation.from_quat([np.sqrt(0.5), -np.sqrt(0.5), 0, 0], scalar_first=True).inv()
+    angles = (turn * Rotation.from_quat(state[:, 7:11], scalar_first=True)).as_euler("XYZ", degrees=True)
+    rates = np.rad2deg(state[:, 11:])
+    if dispersed:
+        for column, (low, high) in zip((3, 4, 5), ((-0.1, 0.1), (0.0, 0.2), (-0.1, 0.1)), strict=True):
+            assert_uniform(state[:, column], low, high)
+        for j in range(3):
+            assert_uniform(angles[:, j], -1.0, 1.0)
+            assert_uniform(rates[:, j], -0.1, 0.1)
+    else:
+        assert (state[:, 3:6] == 0.0).all()
+        assert np.abs(angles).max() < 1e-6
+        assert (rates == 0.0).all()
+    assert (state[:, 6] == 1000.0).all()
+
+
+def test_harmony_starts_mirror_zvezdas():
+    aft, forward = drawn(initial_conditions="random"), drawn(initial_conditions="random", port="harmony_forward")
+    half_turn = np.array([1.0, -1.0, -1.0])
+    assert np.allclose(forward.sim.state[:, :3], aft.sim.state[:, :3] * half_turn)
+    assert np.allclose(forward.sim.state[:, 3:6], aft.sim.state[:, 3:6] * half_turn)
+    reports = [b.report(b.sim.state) for b in (aft, forward)]
+    for name in ("axial_m", "lateral_m", "closing_speed_m_s", "pitch_yaw_deg", "roll_deg"):
+        assert np.allclose(reports[0][name], reports[1][name], atol=1e-9), name
+
+
+def test_meta_chasers_fill_their_ranges():
+    ranges = MetaRanges()
+    batch = drawn(dynamics="meta")
+    params, sensor = batch.sim.parameters, batch.sim.sensor
+    assert_uniform(batch.sim.state[:, 6], 800.0, 1200.0)
+    inertia = params[:, p.INERTIA : p.INERTIA + 9].reshape(-1, 3, 3)
+    for j in range(3):
+        assert_uniform(inertia[:, j, j], 666.667 * 0.8 - 1e-3, 666.667 * 1.2 + 1e-3)
+        assert_uniform(params[:, p.TORQUE_BIAS + j], -ranges.torque_bias_Nm, ranges.torque_bias_Nm)
+        assert_uniform(params[:, p.COM_OFFSET + j], -ranges.com_offset_m, ranges.com_offset_m)
+        assert_uniform(params[:, p.TORQUE_MAP + 4 * j], *ranges.torque_scale)
+        assert_uniform(sensor[:, j], -ranges.position_bias_m, ranges.position_bias_m)
+    inverse = params[:, p.INERTIA_INVERSE : p.INERTIA_INVERSE + 9].reshape(-1, 3, 3)
+    assert np.allclose(inertia @ inverse, np.eye(3), atol=1e-12)
+    assert (np.linalg.eigvalsh(inertia) > 0.0).all()
+    # thrust map = rotation by a small normal vector, columns scaled
+    maps = params[:, p.THRUST_MAP : p.THRUST_MAP + 9].reshape(-1, 3, 3)
+    scale = np.linalg.norm(maps, axis=1)
+    for j in range(3):
+        assert_uniform(scale[:, j], *ranges.thrust_scale)
+    tilt = Rotation.from_matrix(maps / scale[:, None, :]).as_rotvec(degrees=True)
+    assert stats.kstest(tilt.ravel(), stats.norm(0, ranges.thrust_misalignment_deg).cdf).pvalue > 1e-4
+    draws = np.column_stack([batch.sim.state[:, 6], inertia[:, 0, 0], scale, params[:, p.TORQUE_BIAS], sensor[:, :3]])
+    correlation = np.corrcoef(draws.T) - np.eye(draws.shape[1])
+    assert np.abs(correlation).max() < 0.08  # 4.4 standard deviations at 3,000
+
+
+def test_sensor_noise_has_the_stated_spread():
+    batch = drawn(dynamics="meta")
+    observed = batch.observe_full().copy()
+    errors = observed[:, :3] - batch.sim.state[:, :3] - batch.sim.sensor[:, :3]
+    distance = np.linalg.norm(batch.sim.state[:, :3], axis=1, keepdims=True)
+    assert stats.kstest((errors / (0.01 + 0.001 * distance)).ravel(), stats.norm.cdf).pvalue > 1e-4
+    assert np.array_equal(observed, batch.observe_full())  # reading again draws nothing new
+
+
+def test_step_lengths_are_those_of_the_rollouts():
+    batch = BatchedSpaceDock(200)
+    batch.reset(np.arange(200))
+    steps = []
+    for _ in range(60):
+        batch.step(np.zeros((200, 6)))
+        steps.append(batch.sim.dt.copy())
+    steps = np.concatenate(steps)
+    assert steps.mean() == pytest.approx(0.907, abs=0.003)
+    assert steps.std() == pytest.approx(0.077, abs=0.003)
+    assert steps.min() >= 0.6
+    assert steps.max() <= 1.25
+    assert abs(np.corrcoef(steps[:-200], steps[200:])[0, 1]) < 0.05
+
+
+def test_generator_is_uniform_normal_and_counter_based():
+    key = np.uint64(12345)
+    values = np.array([uniform(key, STREAM_START, i) for i in range(20000)])
+    assert stats.kstest(values, "uniform").pvalue > 1e-3
+    assert stats.chisquare(np.bincount((values * 64).astype(int), minlength=64)).pvalue > 1e-3
+    normals = np.array([normal_pair(key, 1, i) for i in range(10000)])
+    assert stats.kstest(normals.ravel(), "norm").pvalue > 1e-3
+    assert abs(np.corrcoef(normals.T)[0, 1]) < 0.04
+    words = np.array([int(bits(np.uint64(k), 0, 0)) for k in range(4096)], dtype=np.uint64)
+    assert len(set(words.tolist())) == 4096
+    ones = np.unpackbits(words.view(np.uint8)).mean()
+    assert ones == pytest.approx(0.5, abs=0.005)  # neighbouring keys look unrelated
+
+
+def test_unknown_names_list_the_known():
+    with pytest.raises(InputError, match=r"same \| random \| same_dispersed"):
+        TaskConfig(initial_conditions="samee")
+    with pytest.raises(InputError, match=r"nominal \| meta"):
+        TaskConfig(dynamics="met")

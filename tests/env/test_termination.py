@@ -1,0 +1,101 @@
+"""How episodes end: each outcome by a flight with a known end, and the crossing where the closed form puts it."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import lerobot_spacedock  # noqa: F401
+from lerobot_spacedock.physics.constants import MEAN_MOTION_rad_s
+from lerobot_spacedock.physics.relative_motion import hcw_transition_matrix
+
+Q = [np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0]
+
+
+def flight(
+    position, velocity, *, env_id="SpaceDockContact-v0", action=(0,) * 6, steps=None, q=None, rates=(0, 0, 0), **options
+):
+    """Flies a held command from a given state to the end; returns what the last step gave but the observation."""
+    env = gym.make(env_id, obs_type="agent_pos", disable_env_checker=True, **options)
+    start = [*position, *velocity, 1000.0, *(q or Q), *rates]
+    env.reset(seed=0, options={"state": start} | ({} if steps is None else {"time_steps": steps}))
+    while True:
+        _, *last = env.step(np.array(action, dtype=np.float32))
+        if last[1] or last[2]:
+            return last
+
+
+def test_contact_is_where_the_closed_form_crosses_the_plane():
+    start = np.array([0.02, -0.5, 0.01, 0.002, 0.07, -0.001])
+    _, terminated, truncated, info = flight(start[:3], start[3:], time_step="fixed", hill_coupling=False)
+    crossing = brentq(lambda t: (hcw_transition_matrix(t, MEAN_MOTION_rad_s) @ start)[1], 0.0, 20.0, xtol=1e-13)
+    at_plane = hcw_transition_matrix(crossing, MEAN_MOTION_rad_s) @ start
+    assert (terminated, truncated) == (True, False)
+    assert info["time_s"] == pytest.approx(crossing, abs=1e-9)
+    assert abs(info["state"][1]) < 1e-10
+    assert np.allclose(info["state"][:6], at_plane, atol=1e-10)
+    assert info["outcome"] == "docked"
+    assert info["is_success"]
+    assert info["contact_closing_speed_m_s"] == pytest.approx(at_plane[4], abs=1e-10)
+
+
+def test_a_touch_between_two_samples_is_found():
+    """In through the plane and out again within one step of 4 s, by a brake that is on all along."""
+    speed, brake, start = 0.1, 0.05, -0.09  # deepest point: -0.09 + 0.1²/(2*0.05) = +0.01
+    _, terminated, _, info = flight(
+        (0, start, 0), (0, speed, 0), action=(0, 0, -1000 * brake, 0, 0, 0), steps=[4.0, 4.0], hill_coupling=False
+    )
+    first = (speed - np.sqrt(speed**2 + 2 * brake * start)) / brake  # first root of start + v t - a t²/2
+    assert terminated
+    assert info["time_s"] == pytest.approx(first, abs=2e-3)  # mass flow and HCW move it by less
+    assert abs(info["state"][1]) < 1e-10
+    # without reaching it, no contact
+    _, terminated, truncated, info = flight(
+        (0, -0.11, 0), (0, speed, 0), action=(0, 0, -1000 * brake, 0, 0, 0), steps=[4.0], hill_coupling=False
+    )
+    assert (terminated, truncated, info["outcome"]) == (False, True, "timeout")
+
+
+@pytest.mark.parametrize(
+    ("case", "outcome"),
+    [
+        ({"position": (0.3, -0.2, 0), "velocity": (0, 0.07, 0)}, "contact"),  # 30 cm off: touches, outside the box
+        ({"position": (0, -0.2, 0), "velocity": (0, 0.5, 0)}, "contact"),  # too fast
+        ({"position": (0.9, -0.2, 0), "velocity": (0, 0.3, 0)}, "collision"),  # beside the port, into the module
+        ({"position": (5.9, -25, 0), "velocity": (0.3, 0, 0)}, "corridor"),
+        ({"position": (0, -58, 0), "velocity": (0, -1.0, 0)}, "volume"),
+        ({"position": (0, -25, 0), "velocity": (0, 0, 0), "max_steps": 4}, "timeout"),
+        ({"position": (0, -25, 0), "velocity": (0, 0, 0), "env_id": "SpaceDock-v0", "max_steps": 4}, "horizon"),
+        ({"position": (0, -0.2, 0), "velocity": (0, 0.07, 0)}, "docked"),
+    ],
+)
+def test_each_outcome(case, outcome):
+    _, terminated, truncated, info = flight(**case)
+    assert info["outcome"] == outcome
+    assert truncated == (outcome in ("timeout", "horizon"))
+    assert terminated == (not truncated)
+    assert info["is_success"] == (outcome == "docked")
+
+
+def test_harmony_is_approached_from_the_other_side():
+    q = [np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]
+    _, _, _, info = flight((0, 0.2, 0), (0, -0.07, 0), q=q, port="harmony_forward")
+    assert info["outcome"] == "docked"
+
+
+def test_corridor_can_be_left_open():
+    _, _, _, info = flight((5.9, -25, 0), (0.3, 0, 0), corridor={"enabled": False}, max_steps=5)
+    assert info["outcome"] == "timeout"
+
+
+def test_the_papers_task_flies_through_the_plane():
+    _, _, truncated, info = flight((0, -1.0, 0), (0, 0.1, 0), env_id="SpaceDock-v0", max_steps=30)
+    assert truncated
+    assert info["state"][1] > 1.0
+    assert not info["is_success"]
+
+
+@pytest.mark.parametrize(("distance", "success"), [(0.05, True), (0.2, False)])
+def test_the_papers_task_succeeds_by_the_box_at_its_last_state(distance, success):
+    *_, info = flight((0, -distance - 0.07, 0), (0, 0.07, 0), env_id="SpaceDock-v0", steps=[1.0])
+    assert info["is_success"] is success
