@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lerobot_spacedock.dataset.job import Job, Plan
 from lerobot_spacedock.dataset.provenance import write_dataset_facts, write_episode_rows
-from lerobot_spacedock.dataset.record import free_space
+from lerobot_spacedock.dataset.record import free_space, quiet_encoders
 from lerobot_spacedock.dataset.shards import SUMMARY_FILE, ShardSummary, read_summary
 from lerobot_spacedock.dataset.statistics import repair_statistics
 from lerobot_spacedock.errors import FileFormatError, SpaceDockError
@@ -58,6 +58,7 @@ def _merge(shards: list[Path], plan: Plan, complete: Path) -> None:
     from datasets.utils import disable_progress_bars
     from lerobot.datasets.aggregate import aggregate_datasets
 
+    quiet_encoders()
     disable_progress_bars()
     repo_id = plan.layout.repo_id
     quiet = logging.getLogger("lerobot.datasets.aggregate")

@@ -7,6 +7,7 @@ encoded length is compared with its rows.
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
@@ -80,6 +81,7 @@ class DatasetRecorder:
     """
 
     def __init__(self, root: Path, layout: DatasetLayout, *, encoder_threads: int | None = None) -> None:
+        quiet_encoders()
         from datasets.utils import disable_progress_bars
         from lerobot.configs import RGBEncoderConfig
         from lerobot.datasets.lerobot_dataset import LeRobotDataset
@@ -180,6 +182,14 @@ class DatasetRecorder:
         else:
             self.dataset.clear_episode_buffer()
             self.dataset.finalize()
+
+
+def quiet_encoders() -> None:
+    """Errors only from the video libraries: their settings and passes, once an episode, would bury the progress."""
+    os.environ.setdefault("SVT_LOG", "1")
+    import av
+
+    av.logging.set_libav_level(av.logging.ERROR)
 
 
 def free_space(path: Path) -> str:
