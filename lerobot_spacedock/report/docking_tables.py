@@ -30,7 +30,7 @@ def at_a_glance(study: Study) -> Table:
         "log names as contact; without one at the crossing of the port plane; without a crossing at the last state, "
         "with the whole distance in place of the lateral one. The miss is measured there too. " + INTERVALS,
     )
-    return Table("glance", "At a glance", head, tuple(rows), notes, 2)
+    return Table("glance", "Headline numbers", head, tuple(rows), notes, 2)
 
 
 def ladder(study: Study) -> Table:

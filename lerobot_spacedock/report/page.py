@@ -11,6 +11,9 @@ from lerobot_spacedock.report.paper import CITATION, ERRATA
 from lerobot_spacedock.report.table import Table, to_html
 
 
+SHADED = "<p>Shaded rows hold the numbers of the paper, or of its published rollouts.</p>"
+
+
 def render_page(study: Study, title: str, tables: list[Table], figures: list[tuple[Figure, list[str]]]) -> str:
     """The whole page as text.
 
@@ -28,7 +31,7 @@ def render_page(study: Study, title: str, tables: list[Table], figures: list[tup
     more_figures = [f for f in figures if f not in paper_figures]
     sections = [
         ("first", "At a glance", "".join(map(to_html, first))),
-        ("paper-tables", "The paper's tables", "".join(map(to_html, paper_tables))),
+        ("paper-tables", "The paper's tables", SHADED + "".join(map(to_html, paper_tables))),
         ("paper-figures", "The paper's figures", "".join(_figure(study, *f) for f in paper_figures)),
         ("more-tables", "Docking, effort and statistics", "".join(map(to_html, more_tables))),
         ("more-figures", "Further figures", "".join(_figure(study, *f) for f in more_figures)),

@@ -22,6 +22,7 @@ GRID = "#d9d9e0"
 LIMIT = "#9a6700"  # boxes, gates, rings: what a state is measured against
 _PAGE_COLOURS = {INK: "var(--ink)", MUTED: "var(--muted)", GRID: "var(--grid)", LIMIT: "var(--limit)"}
 PANEL_IN = (4.2, 3.1)
+MARGINS_IN = (0.68, 0.14, 0.46, 0.28)  # left, right, bottom, top of each panel
 DPI = 160
 
 RC = {
@@ -102,9 +103,10 @@ def run_style(place: int) -> dict[str, object]:
 
 def write_paper_files(figure: Figure, folder: Path) -> list[Path]:
     """The whole figure as PNG (white ground) and SVG. Returns the paths written."""
+    columns = min(figure.columns, len(figure.panels))
+    paths = [folder / f"{figure.key}.png", folder / f"{figure.key}.svg"]
     with styled():
-        canvas = _compose(figure)
-        paths = [folder / f"{figure.key}.png", folder / f"{figure.key}.svg"]
+        canvas = _canvas(figure, figure.panels, columns)
         canvas.savefig(paths[0], dpi=DPI, facecolor="white")
         canvas.savefig(paths[1], facecolor="white", metadata={"Date": None})
     return paths
@@ -115,34 +117,30 @@ def panel_svgs(figure: Figure) -> list[str]:
     elements = []
     with styled():
         for index, panel in enumerate(figure.panels):
-            canvas = Canvas(figsize=figure.panel_in, layout="constrained")
-            axes = canvas.add_subplot()
-            panel.draw(axes)
-            axes.set_title(panel.title)
-            _settle(canvas)
             buffer = io.StringIO()
-            canvas.savefig(buffer, format="svg", metadata={"Date": None})
+            _canvas(figure, (panel,), 1).savefig(buffer, format="svg", metadata={"Date": None})
             elements.append(_for_page(buffer.getvalue(), f"{figure.key}-{index}", panel.title))
     return elements
 
 
-def _compose(figure: Figure) -> Canvas:
-    columns = min(figure.columns, len(figure.panels))
-    rows = -(-len(figure.panels) // columns)
+def _canvas(figure: Figure, panels: tuple[Panel, ...], columns: int) -> Canvas:
+    """Panels on a grid of equal cells, with margins in inches: a layout engine takes most of a report's time."""
+    rows = -(-len(panels) // columns)
     width, height = figure.panel_in
-    canvas = Canvas(figsize=(width * columns, height * rows), layout="constrained")
-    for index, panel in enumerate(figure.panels):
-        axes = canvas.add_subplot(rows, columns, index + 1)
+    canvas = Canvas(figsize=(width * columns, height * rows))
+    left, right, bottom, top = MARGINS_IN
+    for index, panel in enumerate(panels):
+        row, column = divmod(index, columns)
+        box = (
+            (column + left / width) / columns,
+            (rows - 1 - row + bottom / height) / rows,
+            (1.0 - (left + right) / width) / columns,
+            (1.0 - (bottom + top) / height) / rows,
+        )
+        axes = canvas.add_axes(box)
         panel.draw(axes)
         axes.set_title(panel.title)
-    _settle(canvas)
     return canvas
-
-
-def _settle(canvas: Canvas) -> None:
-    """Lays the figure out once; otherwise each file written does it again, twice."""
-    canvas.draw_without_rendering()
-    canvas.set_layout_engine("none")
 
 
 def _for_page(svg: str, prefix: str, label: str) -> str:
