@@ -23,11 +23,14 @@ from lerobot_spacedock.physics.constants import MEAN_MOTION_rad_s
 from lerobot_spacedock.physics.contact import ZVEZDA_AFT, Port
 from lerobot_spacedock.physics.relative_motion import hcw_transition_matrix
 
-# terminal errors are weighed against energy, not forbidden: with one or two steps left six conditions cannot be met,
-# and an exact solution would spend the limits on a millimetre
-TERMINAL_SOFTNESS = np.array([1e-3] * 3 + [1e-3] * 3)  # (m per m/s²)², (m/s per m/s²)²
-FEWEST_STEPS = 3
-FREE_TIME_WEIGHT_m2_s4 = 1.95e-3  # arrives from the reference start after about 65 steps
+# Terminal errors of position and velocity are weighed against energy, (m per m/s²)² and (m/s per m/s²)², not forbidden:
+# with one or two steps left six conditions cannot be met, and an exact solution would spend the limits on a
+# millimetre. Where the port is flown through at a speed, being there half a second late costs nothing.
+SOFTNESS_AT_REST = (0.01, 0.01)
+SOFTNESS_AT_SPEED = (3.0, 0.1)
+SOFTNESS_FREE_TIME = (0.6, 0.6)
+FEWEST_STEPS_FREE_TIME = 4
+FREE_TIME_WEIGHT_m2_s4 = 1.6e-3  # arrives from the reference start after about 65 steps
 LONGEST_PLAN_STEPS = 120
 
 
@@ -40,14 +43,14 @@ def held_response(step_s: float) -> np.ndarray:
 
 
 @cache
-def plans(longest: int, step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def plans(longest: int, step_s: float, softness: tuple[float, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Plans of 1 to ``longest`` steps: (longest, 6, 6) transitions, (longest, 3, 6) gains, (longest, 6, 6) costs.
 
     With ``e = goal − transition @ x`` the first acceleration is ``gain @ e`` and the energy ``e @ cost @ e``.
     """
     step = hcw_transition_matrix(step_s, MEAN_MOTION_rad_s)
     response = held_response(step_s)
-    transition, gramian = np.eye(6), np.diag(TERMINAL_SOFTNESS)
+    transition, gramian = np.eye(6), np.diag(np.repeat(softness, 3))
     transitions, gains, costs = [], [], []
     for _ in range(longest):
         first = transition @ response  # of the plan's first step, seen at its end
@@ -85,9 +88,12 @@ class MpcPolicy(ClassicalPolicy):
             raise InputError("mode", mode, "fixed | receding")
         self._deadline = deadline or Deadline()
         self._time_weight = time_weight_m2_s4
-        self._law = self._at_deadline if mode == "fixed" else self._free_time
-        longest = max(self._deadline.steps, FEWEST_STEPS) if mode == "fixed" else LONGEST_PLAN_STEPS
-        self._transitions, self._gains, self._costs = plans(longest, self._deadline.step_s)
+        if mode == "fixed":
+            softness = SOFTNESS_AT_SPEED if self._deadline.closing_speed_m_s > 0.0 else SOFTNESS_AT_REST
+            self._law, longest = self._at_deadline, self._deadline.steps
+        else:
+            softness, self._law, longest = SOFTNESS_FREE_TIME, self._free_time, LONGEST_PLAN_STEPS
+        self._transitions, self._gains, self._costs = plans(longest, self._deadline.step_s, softness)
 
     def acceleration(self, r: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Commanded acceleration, m/s². (N, 3), (N, 3) → (N, 3)."""
@@ -95,15 +101,10 @@ class MpcPolicy(ClassicalPolicy):
 
     def _at_deadline(self, state: np.ndarray) -> np.ndarray:
         left = self._deadline.steps - self.step
-        planned = max(left, self._fewest)
+        planned = max(left, 1)
         goal = self._deadline.goal((planned - left) * self._deadline.step_s)
         error = goal - state @ self._transitions[planned - 1].T
         return error @ self._gains[planned - 1].T
-
-    @property
-    def _fewest(self) -> int:
-        # at rest there is nothing to fly on to: the last steps are for the last millimetres
-        return FEWEST_STEPS if self._deadline.closing_speed_m_s > 0.0 else 1
 
     def _free_time(self, state: np.ndarray) -> np.ndarray:
         rows, step_s = np.arange(len(state)), self._deadline.step_s
@@ -115,7 +116,7 @@ class MpcPolicy(ClassicalPolicy):
         # vertex of the parabola through three plans: else the whole number of steps would show in the command
         bend = np.maximum(before - 2.0 * here + after, 1e-12)
         arrival = steps[best] + np.clip(0.5 * (before - after) / bend, -0.5, 0.5)
-        planned = np.maximum(arrival, FEWEST_STEPS)
+        planned = np.maximum(arrival, FEWEST_STEPS_FREE_TIME)
         whole = np.floor(planned).astype(np.int64)
         command = 0.0
         for count, weight in ((whole, whole + 1.0 - planned), (whole + 1, planned - whole)):

@@ -20,7 +20,7 @@ from lerobot_spacedock.physics.constants import MEAN_MOTION_rad_s
 from lerobot_spacedock.physics.contact import ZVEZDA_AFT, Port
 from lerobot_spacedock.physics.relative_motion import hcw_transition_matrix
 
-SHORTEST_TIME_TO_GO_s = 5.0  # gains grow as 6/t_go²; below this the law would chase its own sampling
+SHORTEST_TIME_TO_GO_s = 2.0  # gains grow as 6/t_go²; below this the law would chase its own sampling
 
 
 class ZemZevPolicy(ClassicalPolicy):
