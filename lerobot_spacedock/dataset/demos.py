@@ -17,7 +17,6 @@ from tqdm import tqdm
 
 from lerobot_spacedock.camera import CameraConfig
 from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig
-from lerobot_spacedock.dataset.experts import check_expert, make_expert
 from lerobot_spacedock.dataset.flight import fly
 from lerobot_spacedock.dataset.frames import drawing_options
 from lerobot_spacedock.dataset.job import Job, Plan, shard_size, write_json
@@ -33,6 +32,7 @@ from lerobot_spacedock.env.registration import ENV_IDS
 from lerobot_spacedock.env.scenario_config import get_initial_conditions
 from lerobot_spacedock.episode_log import log_path, read_episode_log, write_episode_log
 from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.expert.controllers import EXPERTS, make_expert
 
 FLIGHT_BLOCK = 256
 
@@ -49,7 +49,7 @@ class DemosConfig:
     num_episodes: int = 100
     # how many to fly; by default half as many again as are kept
     num_candidates: int | None = None
-    # meta_rl | feedback | feedback:V | feedback:Q | mpc | mpc_fixed | zem
+    # meta_rl | mpc | mpc_fixed | zem | W | V | Q (hand-designed time-invariant laws) | meta_rl_sampled
     expert: str = "meta_rl"
     # folder of a meta-RL checkpoint; by default the one that ships
     checkpoint: str | None = None
@@ -157,7 +157,10 @@ def demos(config: DemosConfig) -> int:
 
 def _check(config: DemosConfig) -> None:
     check_repo_id(config.repo_id)
-    check_expert(config.expert, config.checkpoint)
+    if config.expert not in EXPERTS:
+        raise InputError("--expert", config.expert, " | ".join(EXPERTS))
+    if config.checkpoint is not None and not config.expert.startswith("meta_rl"):
+        raise InputError("--checkpoint", config.checkpoint, "nothing, unless --expert=meta_rl")
     check_rule(config.select)
     if config.env_id not in ENV_IDS or ENV_IDS[config.env_id].get("withhold_pose"):
         known = [name for name, options in ENV_IDS.items() if not options.get("withhold_pose")]
