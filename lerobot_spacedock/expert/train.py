@@ -20,6 +20,7 @@ from lerobot_spacedock.env.config import TaskConfig
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.expert.checkpoint import save_actor, write_json
 from lerobot_spacedock.expert.evaluate import TASKS, VALIDATION_SEED, fly
+from lerobot_spacedock.expert.imitate import freeze_actor, imitate
 from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
 from lerobot_spacedock.expert.ppo import collect, make_ppo
 from lerobot_spacedock.expert.train_config import TrainExpertConfig
@@ -49,14 +50,12 @@ def train_expert(config: TrainExpertConfig) -> int:
     tasks = TrainingTasks(config)
     algorithm = make_ppo(config, tasks.reset(0))
     progress: dict[str, Any] = {
-        "iteration": 0, "interactions": 0, "episodes": 0, "wall_s": 0.0, "collect_s": 0.0, "learn_s": 0.0,
+        "iteration": 0, "interactions": 0, "episodes": 0, "wall_s": 0.0, "cpu_s": 0.0, "collect_s": 0.0, "learn_s": 0.0,
         "evaluate_s": 0.0, "imitation_s": 0.0, "demonstration_frames": 0, "curve": [],
     }  # fmt: skip
     if config.resume:
         progress = load_checkpoint(output / "checkpoints", algorithm, resolved)
     elif config.init_from is not None:
-        from lerobot_spacedock.expert.imitate import imitate
-
         progress |= imitate(config, algorithm)
 
     writer = SummaryWriter(str(output / "tensorboard"), purge_step=progress["interactions"] or None)
@@ -64,7 +63,7 @@ def train_expert(config: TrainExpertConfig) -> int:
     if config.stop_after:
         stop_at = min(stop_at, config.stop_after)
     per_iteration = config.num_envs * config.episode_steps
-    started, before = time.perf_counter(), progress["wall_s"]
+    clock = _Clock(progress)
     bar = tqdm(
         total=config.iterations * per_iteration, initial=progress["interactions"], unit="step", unit_scale=True,
         desc="train-expert", dynamic_ncols=True,
@@ -75,15 +74,28 @@ def train_expert(config: TrainExpertConfig) -> int:
         while progress["iteration"] < stop_at:
             _iterate(config, algorithm, tasks, progress, writer)
             bar.update(per_iteration)
-            progress["wall_s"] = before + time.perf_counter() - started
+            clock.read()
             last = progress["iteration"] == stop_at
             if last or progress["iteration"] % config.evaluate_every == 0:
                 _evaluate(config, algorithm, progress, writer, bar)
-                progress["wall_s"] = before + time.perf_counter() - started
+                clock.read()
             if last or progress["iteration"] % config.checkpoint_every == 0:
                 save_checkpoint(output / "checkpoints", config, algorithm, progress, resolved)
     _finish(config, algorithm, progress, output, resolved)
     return 0
+
+
+class _Clock:
+    """Keeps wall and processor time of the training in ``progress``, over all its runs."""
+
+    def __init__(self, progress: dict[str, Any]) -> None:
+        self._progress = progress
+        self._wall = progress["wall_s"] - time.perf_counter()
+        self._cpu = progress["cpu_s"] - time.process_time()
+
+    def read(self) -> None:
+        self._progress["wall_s"] = self._wall + time.perf_counter()
+        self._progress["cpu_s"] = self._cpu + time.process_time()
 
 
 def _prepare(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) -> None:
@@ -106,6 +118,8 @@ def _prepare(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) 
 def _iterate(config, algorithm, tasks, progress, writer) -> None:
     """One batch of episodes, one update."""
     fraction = progress["iteration"] / config.iterations
+    if config.init_from is not None:
+        freeze_actor(algorithm, progress["iteration"] < config.init_critic_iterations)
     tasks.smoothness_weight = smoothness_weight(config, fraction)
     algorithm.desired_kl = desired_kl(config, fraction)
     start = time.perf_counter()
@@ -151,7 +165,7 @@ def _evaluate(config, algorithm, progress, writer, bar) -> None:
     start = time.perf_counter()
     random_state = torch.get_rng_state()
     policy = MetaRlPolicy(export_actor(config, algorithm))
-    point: dict[str, Any] = {name: progress[name] for name in ("interactions", "episodes", "wall_s")}
+    point: dict[str, Any] = {name: progress[name] for name in ("interactions", "episodes", "wall_s", "cpu_s")}
     for name in VALIDATION_TASKS:
         task: TaskConfig = replace(TASKS[name], meta=config.meta)
         seeds = VALIDATION_SEED + np.arange(config.evaluation_episodes)
@@ -180,10 +194,11 @@ def _finish(config, algorithm, progress, output: Path, resolved: dict[str, Any])
     account["spacedock"] = __version__
     save_actor(output / "policy.safetensors", export_actor(config, algorithm), {"config": resolved, **account})
     write_json(output / "training.json", account | {"config": resolved, "curve": progress["curve"]})
+    minutes = {name: progress[f"{name}_s"] / 60.0 for name in ("wall", "cpu", "collect", "learn", "evaluate")}
     print(
-        f"{progress['episodes']} episodes, {progress['interactions']} interactions, "
-        f"{progress['wall_s'] / 60:.1f} min (flying {progress['collect_s'] / 60:.1f}, learning "
-        f"{progress['learn_s'] / 60:.1f}, evaluating {progress['evaluate_s'] / 60:.1f})"
+        f"{progress['episodes']} episodes, {progress['interactions']} interactions, {minutes['wall']:.1f} min "
+        f"(flying {minutes['collect']:.1f}, learning {minutes['learn']:.1f}, evaluating {minutes['evaluate']:.1f}), "
+        f"{minutes['cpu']:.1f} min of processor time"
     )
     print(f"wrote {output / 'policy.safetensors'}, {output / 'training.json'}, {output / 'tensorboard'}")
     if progress["iteration"] < config.iterations:

@@ -82,7 +82,7 @@ class PpoConfig:
     # how far the policy may move in an update
     desired_kl: float = 0.01
     # the same at the end of the training: smaller steps settle the last millimetres
-    final_desired_kl: float = 0.01
+    final_desired_kl: float = 0.004
     max_grad_norm: float = 1.0
     # hidden layers of the critic
     critic_hidden_sizes: list[int] = field(default_factory=lambda: [128, 128])
@@ -138,12 +138,14 @@ class TrainExpertConfig:
     evaluation_episodes: int = 256
     # stop after this many iterations, keeping a checkpoint to resume from; 0: at the end only
     stop_after: int = 0
-    # repo id or folder of a LeRobot dataset to imitate first (warm start); needs `init_root` or a cached dataset
+    # folder of a LeRobot dataset, or the repo id of a cached one: imitate it first, then go on with PPO (warm start)
     init_from: str | None = None
-    # folder of that dataset
-    init_root: str | None = None
     # passes over the demonstrations in the warm start
-    init_epochs: int = 30
+    init_epochs: int = 100
+    # standard deviation of the actions after the warm start, in units of output
+    init_std: float = 0.1
+    # iterations after the warm start in which the critic alone learns
+    init_critic_iterations: int = 10
 
     def __post_init__(self) -> None:
         total = sum(task.share for task in self.tasks)
@@ -162,6 +164,8 @@ class TrainExpertConfig:
             )
         if self.init_epochs < 1:
             raise InputError("init_epochs", self.init_epochs, "an integer ≥ 1")
+        if not 0.005 <= self.init_std <= 1.0:
+            raise InputError("init_std", self.init_std, "from 0.005 to 1")
 
     @property
     def iterations(self) -> int:

@@ -110,7 +110,7 @@ def load_checkpoint(folder: Path, algorithm: PPO, resolved: dict[str, Any]) -> d
 
 
 def _refuse_other_config(path: Path, saved: dict[str, Any], wanted: dict[str, Any]) -> None:
-    free = {"resume", "output_dir", "threads", "device", "stop_after", "checkpoint_every", "init_root"}
+    free = {"resume", "output_dir", "threads", "device", "stop_after", "checkpoint_every"}
     changed = sorted(name for name in saved.keys() | wanted.keys() if saved.get(name) != wanted.get(name))
     changed = [name for name in changed if name not in free]
     if changed:
