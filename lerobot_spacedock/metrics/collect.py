@@ -23,6 +23,8 @@ from lerobot_spacedock.physics.frames import OBSERVATION_INDICES, POSITION, VELO
 COLUMN_NAMES = (*NAMES, *IDSS_CONDITIONS, *ATV_CONDITIONS)
 RANGE_GRID_M = np.linspace(0.0, 30.0, 61)
 TRACES_KEPT = 100  # of each set, for the figures that draw episodes one by one
+SURPLUS_FOLDER = "surplus"  # where an evaluation puts the episodes that only filled its last vector batch
+SURPLUS = "surplus episode of the last vector batch, beyond the number that was asked for"
 BATCH = 64
 POOL_FROM = 600  # files; below, starting workers costs more than they save
 
@@ -140,14 +142,16 @@ def _read_batch(job: tuple[int, Sequence[Path]]) -> _Part:
     part = _Part()
     points: dict[str, list[np.ndarray]] = {}
     for path in files:
+        if path.parent.name == SURPLUS_FOLDER:
+            part.exclusions.append(Exclusion(str(path), SURPLUS))
+            continue
         try:
             log = read_episode_log(path)
         except (FileFormatError, OSError) as error:
             part.exclusions.append(Exclusion(str(path), f"not readable: {error}"))
             continue
         if log.metadata.get("surplus"):
-            reason = "surplus episode of the last vector batch, beyond the number that was asked for"
-            part.exclusions.append(Exclusion(str(path), reason))
+            part.exclusions.append(Exclusion(str(path), SURPLUS))
             continue
         metrics = episode_metrics(log)
         name = initial_conditions(log)

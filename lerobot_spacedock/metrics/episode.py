@@ -25,7 +25,8 @@ from lerobot_spacedock.physics.frames import (
 )
 
 AT_PLANE_TOLERANCE_M = 1e-3  # a logged contact this near the plane was taken on it
-CORRIDOR_HALF_ANGLE_rad = 10.0 * DEG_TO_RAD  # the ISS approach cone about the port axis
+CORRIDOR_HALF_ANGLE_deg = 10.0  # the approach cone of the contact task, for logs that state none
+CORRIDOR_MOUTH_m = 1.5
 CONTACT_NUMBERS = (
     "lateral_m",
     "closing_speed_m_s",
@@ -65,14 +66,21 @@ def hill_coupled(metadata: Mapping[str, Any]) -> bool:
     return False
 
 
-def corridor_margin(position: np.ndarray, port: Port) -> np.ndarray:
+def corridor_of(metadata: Mapping[str, Any]) -> tuple[float, float]:
+    """Half angle in rad and mouth radius in m of an episode's approach corridor, by default the contact task's."""
+    config = metadata.get("config")
+    corridor = config.get("corridor") if isinstance(config, Mapping) else None
+    corridor = corridor if isinstance(corridor, Mapping) else {}
+    angle = float(corridor.get("half_angle_deg", CORRIDOR_HALF_ANGLE_deg)) * DEG_TO_RAD
+    return angle, float(corridor.get("mouth_radius_m", CORRIDOR_MOUTH_m))
+
+
+def corridor_margin(position: np.ndarray, port: Port, half_angle_rad: float, mouth_m: float) -> np.ndarray:
     """How far inside the approach corridor states lie; negative outside. m, (K, 3) → m, (K,).
 
-    The corridor is a cone about the port axis, ``CORRIDOR_HALF_ANGLE_rad`` wide on either side, that begins with the
-    port's capture radius at the port plane. States behind the plane are the contact's business, and not counted.
+    The corridor is a cone about the port axis, ``mouth_m`` in radius at the port plane and behind it.
     """
-    axial = np.maximum(port.axis_sign * position[:, 1], 0.0)
-    allowed = port.capture_radius_m + np.tan(CORRIDOR_HALF_ANGLE_rad) * axial
+    allowed = mouth_m + np.tan(half_angle_rad) * np.maximum(port.axis_sign * position[:, 1], 0.0)
     return allowed - np.hypot(position[:, 0], position[:, 2])
 
 
@@ -114,7 +122,7 @@ def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
     crossing = plane_crossing(log.time, state, port)
     at_plane = abs(float(contact.get("axial_m", np.inf))) <= AT_PLANE_TOLERANCE_M
     crossed = crossing is not None or (at_plane and isinstance(log.metadata.get("contact"), Mapping))
-    outside = corridor_margin(position, port) < 0.0
+    outside = corridor_margin(position, port, *corridor_of(log.metadata)) < 0.0
     idss = bool(contact["idss"])
     stated_success = log.metadata.get("success")
     clipped = log.metadata.get("clipped_actions")

@@ -104,9 +104,9 @@ def safety_table(study: Study) -> Table:
         means = (_mean_or_unstated(e, name) for name in names)
         rows.append((conditions, run.label, *flags, *means))
     notes = (
-        "Success: as the log states it, else the IDSS box. Corridor: a cone of 10° about the port axis, as wide as the "
-        "port's capture radius at the port. Flew through: passed the port plane outside the IDSS box. Right of them "
-        "means; inference: time of the policy for a step. " + INTERVALS,
+        "Success: as the log states it, else the IDSS box. Corridor: the cone about the port axis that the log states, "
+        "by default 10° to either side from a mouth of 1.5 m. Flew through: passed the port plane outside the IDSS "
+        "box. Right of them means; inference: time of the policy for a step. " + INTERVALS,
     )
     return Table("safety", "Approach", head, tuple(rows), notes, 2)
 

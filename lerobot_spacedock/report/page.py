@@ -10,7 +10,6 @@ from lerobot_spacedock.report.model import Study
 from lerobot_spacedock.report.paper import CITATION, ERRATA
 from lerobot_spacedock.report.table import Table, to_html
 
-
 SHADED = "<p>Shaded rows hold the numbers of the paper, or of its published rollouts.</p>"
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.metrics.collect import SURPLUS_FOLDER
 
 PATTERN = "episode_*.parquet"
 
@@ -67,12 +68,23 @@ def parse_runs(words: Sequence[str]) -> tuple[RunSpec, ...]:
 def log_files(folder: Path) -> list[Path]:
     """The episode logs of a folder, in name order; where it holds none itself, those of its subfolders.
 
+    Surplus episodes that an evaluation put aside come last; they are counted as excluded.
+
     Raises:
-        InputError: there is none.
+        InputError: there is none, or the folder holds several evaluations made in training.
     """
-    files = sorted(folder.glob(PATTERN)) or sorted(folder.rglob(PATTERN))
-    if not files:
+    files = sorted(folder.glob(PATTERN))
+    if files:
+        return files + sorted((folder / SURPLUS_FOLDER).glob(PATTERN))
+    evaluations = sorted(folder.glob("evaluation_[0-9]*"))
+    if len(evaluations) > 1:
         raise InputError(
-            "--runs", str(folder), f"a folder with {PATTERN}", "Evaluate with --env.log_dir to write them."
+            "--runs",
+            f"{folder}, which holds {len(evaluations)} evaluations made in training",
+            "one of them",
+            f"The last is {evaluations[-1]}.",
         )
-    return files
+    if files := sorted(folder.rglob(PATTERN)):
+        return files
+    mend = "Evaluate with --env.log_dir to write them."
+    raise InputError("--runs", str(folder), f"a folder with {PATTERN}", mend)

@@ -1,0 +1,157 @@
+"""``spacedock view``: look at an episode: in Rerun, as a film, or as one picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from lerobot_spacedock.camera.config import CameraConfig
+from lerobot_spacedock.episode_log import EpisodeLog, read_episode_log
+from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.metrics.episode import hill_coupled, port_of
+from lerobot_spacedock.physics.frames import state_from_dataset_units
+from lerobot_spacedock.report.dataset_reader import DatasetEpisode
+from lerobot_spacedock.report.instruments import frame_readings, overlay
+from lerobot_spacedock.report.interpolate import dense
+from lerobot_spacedock.report.rerun_scene import show_episode
+from lerobot_spacedock.report.video import SUFFIXES, film, film_times, write_film
+
+
+@dataclass
+class ViewConfig:
+    """Options of ``spacedock view``. Without --save, --video or --render a Rerun window opens."""
+
+    # An episode log (episode_*.parquet)
+    log: Path | None = None
+    # Root of a LeRobotDataset, in place of a log
+    dataset: Path | None = None
+    # Which episode of the dataset
+    episode: int = 0
+    # Write a Rerun recording (.rrd) instead of opening a window
+    save: Path | None = None
+    # Write a film of the approach with instruments (.mp4 or .gif)
+    video: Path | None = None
+    # Write one picture with instruments (.png)
+    render: Path | None = None
+    # s, instant of --render; default: the last state
+    at: float | None = None
+    # Pictures a second of the film
+    fps: float = 24.0
+    # How many times faster than the flight the film runs
+    speed: float = 4.0
+    # Rows of the pictures; default: as the log states, else 480
+    height: int | None = None
+    # Columns of the pictures; default: as the log states, else 640
+    width: int | None = None
+    # Level of detail of the station: low or high
+    detail: str = "high"
+    # software or pyrender
+    renderer: str = "software"
+    # Camera frames in Rerun; false leaves them out
+    camera: bool = True
+
+
+def view(cfg: ViewConfig) -> int:
+    """Shows or writes what was asked for, and says where it is."""
+    _check(cfg)
+    source = DatasetEpisode(cfg.dataset, cfg.episode) if cfg.dataset else None
+    log = source.log() if source else read_episode_log(cfg.log)
+    name = f"{cfg.dataset.name}, episode {cfg.episode}" if source else cfg.log.name
+    artist = LazyArtist(cfg, log.metadata)
+    try:
+        if cfg.render is not None:
+            _write_picture(cfg, log, artist, _caption(log, name))
+            print(f"Picture: {cfg.render}")
+        if cfg.video is not None:
+            times = film_times(log, cfg.fps, cfg.speed)
+            pictures = tqdm(
+                film(log, artist, times, _caption(log, name)), total=len(times), unit="frame", desc="filming"
+            )
+            print(f"Film: {write_film(cfg.video, pictures, cfg.fps)}")
+        if cfg.save is not None or (cfg.video is None and cfg.render is None):
+            frames = _frames(cfg, log, source, artist)
+            show_episode(log, frames, vfov_deg=artist.vfov_deg, save=cfg.save, name=name, detail="low")
+            print(f"Recording: {cfg.save}\nNext: rerun {cfg.save}" if cfg.save else "Opened in the Rerun viewer.")
+    finally:
+        artist.close()
+    return 0
+
+
+class LazyArtist:
+    """Draws states as the log's environment would have; the renderer is made when the first picture is asked for."""
+
+    def __init__(self, cfg: ViewConfig, metadata: Mapping[str, Any]) -> None:
+        config = metadata.get("config")
+        config = config if isinstance(config, Mapping) else {}
+        stated = config.get("camera")
+        camera = dict(stated) if isinstance(stated, Mapping) else {}
+        camera |= {"detail": cfg.detail, "port": port_of(metadata).name}
+        camera |= {key: value for key in ("height", "width") if (value := getattr(cfg, key)) is not None}
+        self.vfov_deg = float(camera.get("vfov_deg", CameraConfig.vfov_deg))
+        self._options = {"camera": camera, "renderer": cfg.renderer, "sun": config.get("sun") or "fixed"}
+        self._options |= {key: config.get(key) for key in ("station_mesh", "station_pose")}
+        self._artist = None
+
+    def draw(self, log: EpisodeLog, first: int, last: int) -> Iterator[np.ndarray]:
+        """uint8 (H, W, 3) of the states ``first`` to ``last`` − 1."""
+        if self._artist is None:
+            from lerobot_spacedock.dataset.frames import Artist
+
+            self._artist = Artist(**self._options)
+        yield from self._artist.draw(log, first, last)
+
+    def close(self) -> None:
+        if self._artist is not None:
+            self._artist.close()
+
+
+def _frames(
+    cfg: ViewConfig, log: EpisodeLog, source: DatasetEpisode | None, artist: LazyArtist
+) -> Iterator[np.ndarray]:
+    if not cfg.camera:
+        return iter(())
+    if source is not None and "observation.images.camera" in source.info["features"]:
+        return source.frames()
+    drawn = artist.draw(log, 0, len(log.time))
+    return iter(tqdm(drawn, total=len(log.time), unit="frame", desc="drawing"))
+
+
+def _write_picture(cfg: ViewConfig, log: EpisodeLog, artist: LazyArtist, caption: str) -> None:
+    from PIL import Image
+
+    seconds = float(log.time[-1]) if cfg.at is None else cfg.at
+    moment = dense(log, np.array([seconds]))
+    (frame,) = artist.draw(moment, 0, 1)
+    state = state_from_dataset_units(moment.state)[0]
+    instruments = frame_readings(state, port_of(log.metadata), hill_coupling=hill_coupled(log.metadata))
+    cfg.render.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(overlay(frame, instruments, time_s=seconds, caption=caption)).save(cfg.render)
+
+
+def _caption(log: EpisodeLog, name: str) -> str:
+    return str(log.metadata.get("label") or name)
+
+
+def _check(cfg: ViewConfig) -> None:
+    if (cfg.log is None) == (cfg.dataset is None):
+        given = "both" if cfg.log else "neither"
+        raise InputError(
+            "--log, --dataset", given, "one of the two", "For example: --log logs/act/episode_001000.parquet."
+        )
+    if cfg.log is not None and not cfg.log.is_file():
+        raise InputError("--log", str(cfg.log), "an episode log that exists (episode_*.parquet)")
+    for flag, path, endings in (
+        ("--video", cfg.video, SUFFIXES),
+        ("--save", cfg.save, (".rrd",)),
+        ("--render", cfg.render, (".png",)),
+    ):
+        if path is not None and path.suffix.lower() not in endings:
+            raise InputError(flag, str(path), f"a file that ends in {' or '.join(endings)}")
+    for flag, value in (("--fps", cfg.fps), ("--speed", cfg.speed)):
+        if not 0.0 < value <= 1000.0:
+            raise InputError(flag, value, "above 0, up to 1000")
