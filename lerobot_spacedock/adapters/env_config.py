@@ -63,16 +63,15 @@ class SpaceDockEnvConfig(EnvConfig):
     # name of the policy that flies, kept in the logs
     label: str | None = None
 
-    # The five options that follow and are None keep what the task's id says; a value overrides it.
-    # the episode ends at the port plane; false flies a fixed horizon through it
+    # the episode ends at the port plane; false flies a fixed horizon through it (left out: as the task's id says)
     contact: bool | None = None
-    # the attitude feels the Hill frame turn; false takes it as inertial, as the reference rollouts do
+    # the attitude feels the Hill frame turn; false takes it as inertial (left out: as the task's id says)
     hill_coupling: bool | None = None
-    # nominal | meta: the reference chaser, or one drawn per episode from meta
+    # nominal | meta: the reference chaser, or one drawn per episode from meta (left out: as the task's id says)
     dynamics: str | None = None
-    # most steps in an episode; exactly as many where contact is false
+    # most steps in an episode; exactly as many where contact is false (left out: as the task's id says)
     max_steps: int | None = None
-    # the state holds velocity and rates only, so that the camera alone knows position and attitude
+    # the state holds velocity and rates only, so that the camera alone knows the pose (left out: as the task's id says)
     withhold_pose: bool | None = None
 
     # normal | fixed: step lengths drawn per step, or all of time_step_mean_s
