@@ -56,4 +56,4 @@ done
 
 echo
 echo "Done in $((SECONDS - begun)) s. Open:"
-for task in paper contact; do ls "$PWD/$out/report-$task"/*.html; done
+for task in paper contact; do ls "$out/report-$task"/*.html; done

@@ -1,0 +1,153 @@
+"""``--env.type=spacedock``: its options are the environment's, its features the datasets'."""
+
+import dataclasses
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from lerobot.configs import FeatureType
+from lerobot.envs.factory import make_env, make_env_config, make_env_pre_post_processors
+from lerobot.envs.utils import env_to_policy_features, preprocess_observation
+
+from lerobot_spacedock.adapters import SpaceDockEnvConfig, SpaceDockMpcConfig, command_line
+from lerobot_spacedock.camera.config import CameraConfig
+from lerobot_spacedock.dataset.schema import features as dataset_features
+from lerobot_spacedock.env.config import SpaceDockConfig
+from lerobot_spacedock.env.registration import ENV_IDS
+from lerobot_spacedock.errors import InputError
+
+SMALL = CameraConfig(height=24, width=32, samples=1, shadows=False)
+
+
+def test_every_option_of_the_environment_is_an_option_here_with_the_same_default():
+    ours = {f.name: f for f in dataclasses.fields(SpaceDockEnvConfig)}
+    of_the_id = set().union(*ENV_IDS.values())
+    for field in dataclasses.fields(SpaceDockConfig):
+        if field.name == "env_id":
+            continue
+        assert field.name in ours
+        if field.name in of_the_id:
+            assert ours[field.name].default is None
+        else:
+            assert getattr(SpaceDockEnvConfig(), field.name) == getattr(SpaceDockConfig(), field.name)
+
+
+@pytest.mark.parametrize("task", ENV_IDS)
+def test_the_task_decides_what_is_left_out_and_a_value_overrides_it(task):
+    config = SpaceDockEnvConfig(task=task)
+    env = gym.make(task, obs_type="agent_pos")
+    expected = dataclasses.replace(env.unwrapped.config, obs_type=config.obs_type)
+    assert config.space_dock_config() == expected
+    assert SpaceDockEnvConfig(task=task, max_steps=7).space_dock_config().max_steps == 7
+
+
+@pytest.mark.parametrize("with_mass", [False, True])
+def test_features_are_named_and_shaped_as_in_the_datasets(with_mass):
+    config = SpaceDockEnvConfig(camera=SMALL, with_mass=with_mass)
+    schema = dataset_features(height=24, width=32, with_mass=with_mass)
+    assert set(config.features) <= set(schema)
+    for name, feature in config.features.items():
+        assert tuple(feature.shape) == tuple(schema[name]["shape"])
+    policy = env_to_policy_features(config)
+    assert policy["observation.images.camera"].shape == (3, 24, 32)
+    assert policy["action"].type is FeatureType.ACTION
+
+
+@pytest.mark.render
+def test_what_a_policy_is_given_is_what_the_features_promise():
+    config = SpaceDockEnvConfig(camera=SMALL)
+    env = make_env(config, n_envs=2)["spacedock"][0]
+    observation, _ = env.reset(seed=[1, 2])
+    pre, _ = make_env_pre_post_processors(config, None)
+    batch = pre(preprocess_observation(observation))
+    expected = {name: (2, *f.shape) for name, f in env_to_policy_features(config).items() if name != "action"}
+    assert {k: tuple(v.shape) for k, v in batch.items() if k.startswith("observation.")} == expected
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "fragment"),
+    [
+        ({"task": "SpaceDock-v1"}, "SpaceDockContact-v0"),
+        ({"initial_conditions": "samme"}, "same_dispersed"),
+        ({"obs_type": "image"}, "pixels_agent_pos"),
+        ({"port": "zvezda"}, "zvezda_aft"),
+        ({"max_steps": 0}, "integer"),
+        ({"thrust_limit_N": float("nan")}, "finite"),
+    ],
+)
+def test_a_bad_option_is_refused_before_anything_is_made(options, fragment):
+    with pytest.raises(InputError, match=fragment):
+        make_env_config("spacedock", **options)
+
+
+def test_an_action_that_is_not_a_number_is_refused():
+    env = make_env(SpaceDockEnvConfig(obs_type="agent_pos"), n_envs=1)["spacedock"][0]
+    env.reset(seed=[1])
+    with pytest.raises(InputError, match="finite"):
+        env.step(np.full((1, 6), np.nan, dtype=np.float32))
+    env.close()
+
+
+@pytest.fixture
+def command(monkeypatch):
+    return lambda *arguments: monkeypatch.setattr(sys, "argv", list(arguments))
+
+
+def test_outside_lerobots_commands_nothing_is_guessed(command):
+    command("notebook.py", "--output_dir=x", "--eval.n_episodes=3")
+    assert command_line.running_command() is None
+    assert command_line.output_dir() is None
+    assert command_line.num_episodes() is None
+
+
+@pytest.mark.parametrize("program", ["/usr/bin/lerobot-eval", "/x/lerobot/scripts/lerobot_eval.py"])
+def test_the_commands_options_are_read_from_flags_and_file(command, tmp_path, program):
+    path = tmp_path / "eval.yaml"
+    path.write_text("output_dir: from/file\neval:\n  n_episodes: 7\nenv:\n  task: SpaceDockContact-v0\n")
+    command(program, f"--config_path={path}")
+    assert command_line.running_command() == "lerobot_eval"
+    assert str(command_line.output_dir()) == "from/file"
+    assert command_line.num_episodes() == 7
+    command(program, f"--config_path={path}", "--output_dir", "from/flag", "--eval.n_episodes=8")
+    assert str(command_line.output_dir()) == "from/flag"
+    assert command_line.num_episodes() == 8
+    command(program)
+    assert command_line.output_dir() is None
+    assert command_line.num_episodes() == 50  # LeRobot's default
+
+
+@pytest.mark.parametrize(
+    ("flags", "coupled"),
+    [
+        (("--env.task=SpaceDockContact-v0",), True),
+        (("--env.task=SpaceDock-v0",), False),
+        (("--env.task=SpaceDockContact-v0", "--env.hill_coupling=false"), False),
+        ((), False),
+    ],
+)
+def test_a_controller_takes_the_attitude_model_of_the_env_that_the_command_names(command, flags, coupled):
+    command("lerobot-eval", *flags)
+    assert SpaceDockMpcConfig(device="cpu").hill_coupling is coupled
+    assert SpaceDockMpcConfig(device="cpu", hill_coupling=not coupled).hill_coupling is not coupled
+
+
+def test_logs_go_to_the_output_folder_and_never_over_older_ones(command, tmp_path):
+    command("lerobot-eval", f"--output_dir={tmp_path}")
+    config = SpaceDockEnvConfig(obs_type="agent_pos", max_steps=2)
+    env = make_env(config, n_envs=1)["spacedock"][0]
+    env.reset(seed=[5])
+    for _ in range(2):
+        env.step(np.zeros((1, 6), dtype=np.float32))
+    env.close()
+    assert sorted(path.name for path in (tmp_path / "episodes").iterdir()) == [
+        "episode_000005.parquet",
+        "eval_metrics.jsonl",
+    ]
+    with pytest.raises(InputError, match=r"--env\.log_dir"):
+        make_env(config, n_envs=1)
+    command("lerobot-train", f"--output_dir={tmp_path}")
+    env = make_env(config, n_envs=1)["spacedock"][0]
+    assert env.get_attr("config")[0].log_dir.endswith("evaluation_0001")
+    env.close()
