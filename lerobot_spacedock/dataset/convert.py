@@ -157,6 +157,7 @@ def _plan(config: ConvertConfig) -> Plan:
             "repeat_terminal": config.repeat_terminal,
             "storage": asdict(config.storage),
             "drawing": drawing_options(env or _plain_env(config)) if config.images != "none" else None,
+            "pictures": "stored" if config.images == "auto" and _has_pictures(refs) else "drawn",
         },
     )
 
@@ -198,6 +199,10 @@ def _common_env(config: ConvertConfig, refs: list[EpisodeRef]) -> SpaceDockConfi
         return None
     camera = replace(config.camera, port=env.port)
     return replace(env, camera=camera, renderer=config.renderer, sun=config.sun, log_dir=None)
+
+
+def _has_pictures(refs: list[EpisodeRef]) -> bool:
+    return refs[0].format in ("hdf5", "npz", "minari") or bool(refs[0].option("pictures"))
 
 
 def _plain_env(config: ConvertConfig) -> SpaceDockConfig:

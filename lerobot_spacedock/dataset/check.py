@@ -1,0 +1,75 @@
+"""``spacedock check``: the integrity of a dataset as one report; exit status 1 where something is wrong."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from tqdm import tqdm
+
+from lerobot_spacedock.dataset.findings import Report
+from lerobot_spacedock.dataset.integrity import check_dataset
+from lerobot_spacedock.dataset.job import write_json
+from lerobot_spacedock.dataset.residuals import TOLERANCES
+from lerobot_spacedock.dataset.roots import existing_root
+from lerobot_spacedock.errors import InputError
+
+MAX_LINES = 30
+
+
+@dataclass
+class CheckConfig:
+    """Check a dataset's integrity and physics."""
+
+    # user/name of the dataset; not needed with --root
+    repo_id: str = ""
+    # its folder; by default LeRobot's own place for this repo_id
+    root: str | None = None
+    # how many frames to decode, spread over the whole dataset
+    sample_frames: int = 16
+    # draw those frames again from their states and compare
+    redraw: bool = True
+    # warnings fail as well
+    strict: bool = False
+    # file into which the report goes as JSON
+    json: str | None = None
+
+
+def check(config: CheckConfig) -> int:
+    """Runs the verb; see the module."""
+    if not config.repo_id and config.root is None:
+        raise InputError("--root", None, "the dataset's folder, or its --repo_id")
+    if config.sample_frames < 0:
+        raise InputError("--sample_frames", config.sample_frames, "0 or more")
+    root = existing_root(config.repo_id, config.root)
+    total = json.loads((root / "meta" / "info.json").read_text()).get("total_episodes")
+    with tqdm(total=total, unit="episode", desc="Checking") as bar:
+        report = check_dataset(root, sample_frames=config.sample_frames, redraw=config.redraw, progress=bar.update)
+    print(text_of(report, root))
+    if config.json is not None:
+        write_json(Path(config.json), report.to_dict())
+        print(f"Wrote {config.json}")
+    passed = report.ok and not (config.strict and report.warnings)
+    if passed:
+        print(f"Next: lerobot-train --dataset.repo_id={config.repo_id or 'user/name'} --dataset.root={root} …")
+    return 0 if passed else 1
+
+
+def text_of(report: Report, root: Path) -> str:
+    """The report for a person."""
+    lines = [f"{root}: {report.episodes} episodes, {report.frames} frames"]
+    for name, values in (("error", report.errors), ("warning", report.warnings), ("note", report.notes)):
+        lines += [f"  {name}: {value}" for value in values[:MAX_LINES]]
+        if len(values) > MAX_LINES:
+            lines.append(f"  … and {len(values) - MAX_LINES} more {name}s")
+    if report.worst:
+        worst = ", ".join(f"{name} {value:.2g} (≤ {TOLERANCES[name]:g})" for name, value in report.worst.items())
+        lines.append(f"  states follow from commands to: {worst}")
+    if report.psnr_dB is not None:
+        least, median = report.psnr_dB
+        lines.append(f"  frames match their states drawn again: least {least:.1f} dB, median {median:.1f} dB")
+    done = ", ".join(f"{name} {count}" for name, count in sorted(report.checks.items()))
+    lines.append(f"  checked: {done}")
+    lines.append("  OK" if report.ok else f"  {len(report.errors)} errors")
+    return "\n".join(lines)

@@ -1,0 +1,102 @@
+"""Checks over the whole dataset: its sizes, and its statistics against the data."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lerobot_spacedock.dataset import schema
+from lerobot_spacedock.dataset.findings import Report, component, more
+from lerobot_spacedock.dataset.reader import DatasetReader, Episode
+
+STATISTICS_TOLERANCE = 1e-4
+NO_SPREAD = 1e-7  # of a channel's size: below it, normalised values are rounding errors
+
+
+@dataclass
+class Totals:
+    """Sums over the episodes that statistics are compared with: count, mean and deviations, in float64."""
+
+    count: int = 0
+    first: dict[str, np.ndarray] = field(default_factory=dict)
+    total: dict[str, np.ndarray] = field(default_factory=dict)
+    squares: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def add(self, episode: Episode) -> None:
+        self.count += len(episode.rows["index"])
+        for name, values in episode.rows.items():
+            if values.dtype.kind != "f":
+                continue
+            values = values.astype(np.float64)
+            first = self.first.setdefault(name, values[0])
+            deviation = values - first
+            self.total[name] = self.total.get(name, 0.0) + deviation.sum(axis=0)
+            self.squares[name] = self.squares.get(name, 0.0) + (deviation**2).sum(axis=0)
+
+    def mean(self, name: str) -> np.ndarray:
+        return self.first[name] + self.total[name] / self.count
+
+    def std(self, name: str) -> np.ndarray:
+        return np.sqrt(np.maximum(self.squares[name] / self.count - (self.total[name] / self.count) ** 2, 0.0))
+
+
+def check_totals(reader: DatasetReader, totals: Totals, report: Report) -> None:
+    """Compares the sizes that the metadata state with those of the data."""
+    report.checks["totals"] += 1
+    for name, found in (("total_episodes", report.episodes), ("total_frames", report.frames)):
+        if reader.info.get(name) != found:
+            report.errors.append(f"meta/info.json: {name} is {reader.info.get(name)}, the data hold {found}.")
+    if len(reader.episodes) != report.episodes:
+        report.errors.append(f"meta/episodes: {len(reader.episodes)} episodes, the data hold {report.episodes}.")
+    if sum(reader.lengths) != report.frames:
+        report.errors.append(f"meta/episodes: {sum(reader.lengths)} frames, the data hold {report.frames}.")
+    if reader.about is not None and len(reader.about) != report.episodes:
+        report.errors.append(
+            f"meta/spacedock_episodes.parquet: {len(reader.about)} rows for {report.episodes} episodes."
+        )
+    if reader.about is None:
+        report.notes.append(
+            "no provenance (meta/spacedock_episodes.parquet): the last step of each episode is unchecked."
+        )
+    lengths = np.array(reader.lengths or [0])
+    median = float(np.median(lengths))
+    odd = np.flatnonzero((lengths < 0.3 * median) | (lengths > 3.0 * median))
+    whole = reader.facts.get("segment", "all") == "all"
+    if odd.size and whole:
+        report.warnings.append(
+            f"episode {odd[0]}: {lengths[odd[0]]} frames, where the median is {median:g}{more(odd)}."
+        )
+
+
+def check_statistics(reader: DatasetReader, totals: Totals, report: Report) -> None:
+    """Compares mean and standard deviation in ``meta/stats.json`` with the data's, and looks for flat channels."""
+    path = reader.root / "meta" / "stats.json"
+    if not path.exists():
+        report.errors.append("meta/stats.json: missing.")
+        return
+    stats = json.loads(path.read_text())
+    for name in totals.first:
+        if name == "timestamp" or name not in stats:
+            continue
+        report.checks["statistics"] += 1
+        spread, mean = totals.std(name), totals.mean(name)
+        scale = np.maximum(spread, np.finfo(np.float32).eps * np.maximum(np.abs(mean), 1e-12))
+        written = {key: np.asarray(stats[name][key], dtype=np.float64).reshape(-1) for key in ("mean", "std")}
+        for key, true in (("mean", mean), ("std", spread)):
+            bad = np.flatnonzero(np.abs(written[key] - true) > STATISTICS_TOLERANCE * scale + 1e-12)
+            if bad.size:
+                which = component(reader.features[name], name, bad[0])
+                report.errors.append(
+                    f"meta/stats.json: {key} of {which} is {written[key][bad[0]]:.6g}, "
+                    f"the data give {true[bad[0]]:.6g}."
+                )
+        if name in (schema.STATE, schema.ACTION):
+            flat = np.flatnonzero(spread <= NO_SPREAD * np.maximum(np.abs(mean), 1.0))
+            if flat.size:
+                listed = ", ".join(component(reader.features[name], name, i) for i in flat)
+                report.warnings.append(
+                    f"{listed}: no spread (std ≤ {NO_SPREAD:g}); a policy that normalises by it sees rounding errors, "
+                    "and learns nothing of what it has to do there. Disturb the demonstrations, or start them wider."
+                )
