@@ -1,0 +1,241 @@
+"""The training: advantages by hand, memory between episodes, seeds, exact resume, and what is refused."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.expert.checkpoint import load_actor
+from lerobot_spacedock.expert.ppo import clear_memory, collect, make_ppo
+from lerobot_spacedock.expert.train import desired_kl, smoothness_weight, train_expert
+from lerobot_spacedock.expert.train_config import ActorConfig, PpoConfig, TaskShare, TrainExpertConfig
+from lerobot_spacedock.expert.train_state import checkpoints, export_actor
+from lerobot_spacedock.expert.training_tasks import TRAINING_SEEDS_FROM, TrainingTasks
+
+
+def small(folder: Path, **changes) -> TrainExpertConfig:
+    options = {
+        "output_dir": str(folder),
+        "interactions": 4 * 8 * 10,
+        "num_envs": 8,
+        "episode_steps": 10,
+        "checkpoint_every": 1,
+        "evaluate_every": 100,
+        "evaluation_episodes": 2,
+        "ppo": PpoConfig(epochs=2, mini_batches=2, critic_hidden_sizes=[16]),
+        "actor": ActorConfig(lstm_size=8, hidden_sizes=[8]),
+    }
+    return TrainExpertConfig(**(options | changes))
+
+
+@pytest.fixture
+def parts(tmp_path):
+    config = small(tmp_path)
+    tasks = TrainingTasks(config)
+    return config, tasks, make_ppo(config, tasks.reset(0))
+
+
+def test_advantages_by_hand(parts):
+    config, tasks, algorithm = parts
+    collect(algorithm, tasks, 0, config.episode_steps)
+    storage, gamma, lam = algorithm.storage, 0.99, 0.95
+    reward, value = storage.rewards[:, 3, 0].double().numpy(), storage.values[:, 3, 0].double().numpy()
+    # the sum of the definition, term by term: Σ (γλ)^l (r + γ V' − V); the cut's bootstrap is in the last reward
+    delta = [reward[k] + (gamma * value[k + 1] if k + 1 < len(reward) else 0.0) - value[k] for k in range(len(reward))]
+    advantage = [sum((gamma * lam) ** j * delta[k + j] for j in range(len(reward) - k)) for k in range(len(reward))]
+    np.testing.assert_allclose(storage.returns[:, 3, 0], np.array(advantage) + value, rtol=1e-4)
+
+
+def test_the_cut_at_the_end_is_worth_what_would_follow(parts):
+    config, tasks, algorithm = parts
+    with torch.no_grad():  # a critic that says 7 everywhere
+        for parameter in algorithm.critic.mlp[-1].parameters():
+            parameter.zero_()
+        algorithm.critic.mlp[-1].bias.fill_(7.0)
+    seen = []
+    step = tasks.step
+    tasks.step = lambda output: seen.append(step(output)) or seen[-1]
+    collect(algorithm, tasks, 0, config.episode_steps)
+    plain = torch.stack([reward for _, reward in seen])
+    torch.testing.assert_close(algorithm.storage.rewards[:-1, :, 0], plain[:-1])
+    torch.testing.assert_close(algorithm.storage.rewards[-1, :, 0], plain[-1] + 0.99 * 7.0)
+    assert algorithm.storage.dones[-1].all()
+    assert not algorithm.storage.dones[:-1].any()
+
+
+def test_memory_is_empty_at_the_start_of_every_episode_and_only_there(parts):
+    config, tasks, algorithm = parts
+    for iteration in range(2):
+        algorithm.storage.clear()
+        collect(algorithm, tasks, iteration, config.episode_steps)
+        for state in algorithm.storage.saved_hidden_state_a:
+            assert (state[0] == 0.0).all()
+            assert (state[1:].abs().amax(dim=(1, 3)) > 0.0).all()
+
+
+def test_the_update_sees_the_sequences_that_were_flown(parts):
+    # means recomputed from whole sequences are the means flown: memory, order and masks are right
+    config, tasks, algorithm = parts
+    collect(algorithm, tasks, 0, config.episode_steps)
+    batch = next(algorithm.storage.recurrent_mini_batch_generator(2, 1))
+    with torch.no_grad():
+        algorithm.actor(
+            batch.observations, masks=batch.masks, hidden_state=batch.hidden_states[0], stochastic_output=True
+        )
+    torch.testing.assert_close(algorithm.actor.output_mean, batch.old_distribution_params[0], atol=1e-5, rtol=1e-4)
+
+
+def test_no_episode_ends_early_and_rewards_are_finite(parts):
+    config, tasks, _ = parts
+    tasks.reset(0)
+    for _ in range(config.episode_steps):
+        observations, reward = tasks.step(torch.full((config.num_envs, 6), 5.0))
+        assert torch.isfinite(reward).all()
+        assert torch.isfinite(observations["critic"]).all()
+
+
+def test_the_last_action_is_what_flew_not_what_was_wanted(parts):
+    config, tasks, _ = parts
+    assert (tasks.reset(0)["actor"][:, 15:] == 0.0).all()
+    observations, _ = tasks.step(torch.full((config.num_envs, 6), 100.0))
+    scale = torch.tensor([40.0] * 3 + [1.5] * 3)
+    limits = torch.tensor([38.0] * 3 + [20.0] * 3)
+    torch.testing.assert_close(observations["actor"][0, 15:], limits / scale)
+
+
+def test_smoothness_costs_the_norm_of_the_change_from_the_second_step_on(tmp_path):
+    one_task = [TaskShare(1.0, "same", "nominal", False)]
+    commands = [torch.zeros(8, 6), torch.tensor([0.5, 0, 0, 0, 0, 0.0]).repeat(8, 1)]
+    rewards = []
+    for weight in (0.0, 0.2):
+        tasks = TrainingTasks(small(tmp_path, tasks=one_task))
+        tasks.smoothness_weight = weight
+        tasks.reset(0)
+        rewards.append([tasks.step(command)[1] for command in commands])
+    torch.testing.assert_close(rewards[0][0], rewards[1][0])
+    torch.testing.assert_close(rewards[0][1] - rewards[1][1], torch.full((8,), 0.1 * 0.2 * 20.0), atol=1e-6, rtol=0)
+
+
+def test_shoves_move_only_the_share_that_gets_them(tmp_path):
+    def states(shoved):
+        shares = [TaskShare(0.5, "same", "nominal", False, shoves=shoved), TaskShare(0.5, "same", "nominal", False)]
+        tasks = TrainingTasks(small(tmp_path, tasks=shares))
+        tasks.reset(0)
+        for _ in range(10):
+            tasks.step(torch.zeros(8, 6))
+        return [batch.sim.state.copy() for batch in tasks._batches]
+
+    calm, rough = states(False), states(True)
+    np.testing.assert_array_equal(calm[1], rough[1])
+    assert np.abs(calm[0] - rough[0])[:, 3:6].max() > 1e-3
+
+
+def test_training_tasks_differ_by_iteration_seed_and_row_and_stay_clear_of_evaluation_seeds(tmp_path):
+    config = small(tmp_path)
+    first = TrainingTasks(config).reset(0)["actor"]
+    assert len(first.unique(dim=0)) == config.num_envs
+    torch.testing.assert_close(first, TrainingTasks(config).reset(0)["actor"], rtol=0, atol=0)
+    assert (first != TrainingTasks(config).reset(1)["actor"]).any(dim=1).all()
+    assert (first != TrainingTasks(replace(config, seed=1)).reset(0)["actor"]).any(dim=1).all()
+    assert TRAINING_SEEDS_FROM > 10**12
+
+
+def weights(folder):
+    return load_file(Path(folder) / "policy.safetensors")
+
+
+def test_same_seed_reproduces_and_another_diverges(tmp_path):
+    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
+        train_expert(small(tmp_path / name, seed=seed))
+    a, b, c = (weights(tmp_path / name) for name in "abc")
+    assert all(torch.equal(a[key], b[key]) for key in a)
+    assert any(not torch.equal(a[key], c[key]) for key in a)
+
+
+def test_resume_is_exact(tmp_path):
+    train_expert(small(tmp_path / "whole"))
+    train_expert(small(tmp_path / "parts", stop_after=2))
+    # what was written after the last checkpoint, or half of it, does not matter
+    (tmp_path / "parts" / "checkpoints" / ".000003.part").mkdir()
+    torch.manual_seed(12345)
+    train_expert(small(tmp_path / "parts", resume=True))
+    whole, parts = weights(tmp_path / "whole"), weights(tmp_path / "parts")
+    assert all(torch.equal(whole[key], parts[key]) for key in whole)
+    states = [
+        load_file(checkpoints(tmp_path / n / "checkpoints")[-1] / "training.safetensors") for n in ("whole", "parts")
+    ]
+    assert all(torch.equal(states[0][key], states[1][key]) for key in states[0])
+    account = json.loads((tmp_path / "parts" / "training.json").read_text())
+    assert account["interactions"] == 320
+    assert account["episodes"] == 32
+
+
+def test_evaluation_does_not_change_the_training(tmp_path):
+    train_expert(small(tmp_path / "often", evaluate_every=1))
+    train_expert(small(tmp_path / "once"))
+    often, once = weights(tmp_path / "often"), weights(tmp_path / "once")
+    assert all(torch.equal(often[key], once[key]) for key in often)
+    curve = json.loads((tmp_path / "often" / "training.json").read_text())["curve"]
+    assert [point["interactions"] for point in curve] == [0, 80, 160, 240, 320]
+
+
+def test_feed_forward_actor_trains_and_flies(tmp_path):
+    config = small(tmp_path / "ff", actor=ActorConfig(lstm_size=0, hidden_sizes=[8, 8]), stop_after=1)
+    train_expert(config)
+    network, description = load_actor(tmp_path / "ff" / "policy.safetensors")
+    assert network.lstm is None
+    assert description["training"]["interactions"] == 80
+
+
+def test_the_exported_actor_is_the_trained_one(parts):
+    config, tasks, algorithm = parts
+    collect(algorithm, tasks, 0, config.episode_steps)
+    algorithm.update()
+    observations = tasks.reset(5)
+    clear_memory(algorithm, config.num_envs)
+    algorithm.actor.eval()
+    with torch.no_grad():
+        mean, _ = export_actor(config, algorithm)(observations["actor"])
+        torch.testing.assert_close(mean, algorithm.actor(observations), atol=1e-6, rtol=1e-5)
+
+
+def test_schedules():
+    config = TrainExpertConfig(smoothness_start=0.001, smoothness_ramp=0.5)
+    final = config.reward.smoothness
+    assert smoothness_weight(config, 0.0) == pytest.approx(0.001)
+    assert smoothness_weight(config, 0.25) == pytest.approx((0.001 * final) ** 0.5)
+    assert smoothness_weight(config, 0.9) == pytest.approx(final)
+    config = replace(config, ppo=PpoConfig(desired_kl=0.01, final_desired_kl=0.0025))
+    assert desired_kl(config, 0.3) == pytest.approx(0.01)
+    assert desired_kl(config, 0.75) == pytest.approx(0.005)
+    assert desired_kl(config, 1.0) == pytest.approx(0.0025)
+
+
+def test_what_is_refused(tmp_path):
+    train_expert(small(tmp_path / "done", stop_after=1))
+    with pytest.raises(InputError, match="does not exist yet"):
+        train_expert(small(tmp_path / "done"))
+    with pytest.raises(InputError, match="checkpoints/"):
+        train_expert(small(tmp_path / "none", resume=True))
+    with pytest.raises(FileFormatError, match="num_envs"):
+        train_expert(small(tmp_path / "done", resume=True, num_envs=16))
+    if not torch.cuda.is_available():
+        with pytest.raises(InputError, match="where torch sees a GPU"):
+            train_expert(small(tmp_path / "gpu", device="cuda"))
+    newest = checkpoints(tmp_path / "done" / "checkpoints")[-1]
+    (newest / "training.safetensors").write_bytes(b"\x80\x04pickle")
+    with pytest.raises(FileFormatError, match="cannot be read"):
+        train_expert(small(tmp_path / "done", resume=True))
+    for wrong, said in [
+        ({"tasks": [TaskShare(0.5)]}, "add up to"),
+        ({"num_envs": 9}, "multiple"),
+        ({"interactions": 0}, "≥ 1"),
+        ({"smoothness_ramp": 1.5}, "fraction"),
+    ]:
+        with pytest.raises(InputError, match=said):
+            small(tmp_path, **wrong)
