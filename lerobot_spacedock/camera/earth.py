@@ -106,7 +106,7 @@ def make_earth() -> np.ndarray:
         _paint_earth(EARTH_SIZE, out)
         return {"texels": out}
 
-    return cached_arrays("earth", __file__, make)["texels"]
+    return cached_arrays("earth", __file__, make)["texels"].view(np.int32)
 
 
 def make_stars() -> np.ndarray:

@@ -13,7 +13,7 @@ OWN_FILL = np.array([0.020, 0.020, 0.021])  # sunlight scattered by the station 
 NIGHT_FILL = np.array([0.0010, 0.0011, 0.0014])  # moonlight and airglow
 SUN_TINT = np.array([1.0, 0.975, 0.93])
 LAMP_TINT = np.array([1.0, 0.96, 0.88])
-DAY_EXPOSURE = 1.05
+DAY_EXPOSURE = 0.92
 NIGHT_EXPOSURE = 20.0
 LAMP_REACH_m = 2.5  # the beam spreads as from a source this far behind the lens
 

@@ -6,18 +6,30 @@ import numpy as np
 from numba import njit
 
 from .kernels_raster import JIT, bin_bands, project, scan
-from .kernels_shade import CHUNK, SCRATCH_ROWS, collect, deposit, encode, gather, lighten, tone_map
+from .kernels_shade import (
+    CHUNK,
+    SCRATCH_ROWS,
+    clothe,
+    collect,
+    deposit,
+    encode,
+    lighten,
+    locate,
+    shade_shadow,
+    tone_map,
+)
 from .kernels_sky import paint_sky, paint_stars, project_stars
 
 
 @njit(**JIT)
-def draw_frame(corners, faces, clusters, spheres, table, kind, materials, texels, maps, map_start, map_size, map_affine,
-               earth, stars, star_gain, light, rot, eye, view, width, height, rows, offsets, xy, plane, owner, linear,
+def draw_frame(corners, faces, clusters, spheres, table, materials, texels, maps, map_start, map_size, map_affine,
+               earth, stars, star_gain, light, rot, eye, view, width, height, rows, offsets, xy, plane, linear,
                out):  # fmt: skip
     """Draw into ``out`` (H*W*3 uint8), or into ``linear`` (H*W*3 float32) where that is not empty."""
     samples = offsets.shape[0]
-    n = project(corners, faces, clusters, spheres, rot, eye, view, width, height, xy, plane, owner)
+    n = project(corners, faces, clusters, spheres, rot, eye, view, width, height, xy, plane)
     start, items = bin_bands(xy, n, height, rows)
+    ramp = np.arange(width).astype(np.float32)
     depth = np.empty(rows * samples * width, np.float32)
     ids = np.empty(rows * samples * width, np.int32)
     room = rows * samples * width
@@ -36,13 +48,14 @@ def draw_frame(corners, faces, clusters, spheres, table, kind, materials, texels
         colour[: 3 * pixels] = np.float32(0.0)
         depth[: pixels * samples] = np.float32(0.0)
         ids[: pixels * samples] = -1
-        scan(xy, plane, items, start[band], start[band + 1], row0, row1, width, samples, offsets, depth, ids)
-        count = collect(depth, ids, row0, row1, width, samples, offsets, frag_x, frag_y, frag_tri, frag_pixel,
+        scan(xy, plane, items, start[band], start[band + 1], row0, row1, width, samples, offsets, ramp, depth, ids)
+        count = collect(ids, row0, row1, width, samples, offsets, frag_x, frag_y, frag_tri, frag_pixel,
                         frag_weight, sky)  # fmt: skip
         for k0 in range(0, count, CHUNK):
             m = min(CHUNK, count - k0)
-            gather(k0, m, frag_x, frag_y, frag_tri, plane, owner, table, faces, kind, materials, texels, maps, map_start,
-                   map_size, map_affine, rot, eye, view, light, scratch)  # fmt: skip
+            locate(k0, m, frag_x, frag_y, frag_tri, plane, table, materials, rot, eye, view, scratch)
+            shade_shadow(m, light, maps, map_start, map_size, map_affine, scratch)
+            clothe(m, materials, texels, scratch)
             lighten(m, light, scratch)
             tone_map(m, scratch)
             deposit(k0, m, frag_pixel, frag_weight, scratch, colour)
@@ -57,19 +70,20 @@ def draw_frame(corners, faces, clusters, spheres, table, kind, materials, texels
 
 
 @njit(**JIT)
-def draw_geometry(corners, faces, clusters, spheres, segment, rot, eye, view, width, height, far, xy, plane, owner):
+def draw_geometry(corners, faces, clusters, spheres, segment, rot, eye, view, width, height, far, xy, plane):
     """Depth along the view axis (H, W) float32 m and segment (H, W) uint8 at each pixel's centre."""
     offsets = np.array([0.5])
-    n = project(corners, faces, clusters, spheres, rot, eye, view, width, height, xy, plane, owner)
+    n = project(corners, faces, clusters, spheres, rot, eye, view, width, height, xy, plane)
     start, items = bin_bands(xy, n, height, height)
+    ramp = np.arange(width).astype(np.float32)
     depth = np.zeros(height * width, np.float32)
     ids = np.full(height * width, -1, np.int32)
-    scan(xy, plane, items, start[0], start[1], 0, height, width, 1, offsets, depth, ids)
+    scan(xy, plane, items, start[0], start[1], 0, height, width, 1, offsets, ramp, depth, ids)
     what = np.zeros(height * width, np.uint8)
     for p in range(height * width):
         if ids[p] < 0:
             depth[p] = far
         else:
             depth[p] = np.float32(1.0) / depth[p]
-            what[p] = segment[owner[ids[p]]]
+            what[p] = segment[int(plane[ids[p], 3])]
     return depth.reshape(height, width), what.reshape(height, width)

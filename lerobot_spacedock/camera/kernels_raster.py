@@ -40,7 +40,7 @@ def _emit(ax, ay, aw, bx, by, bw, cx, cy, cw, width, height, xy, plane, n):
 
 
 @njit(**JIT)
-def project(corners, planes, clusters, spheres, rot, eye, view, width, height, xy, plane, owner):
+def project(corners, planes, clusters, spheres, rot, eye, view, width, height, xy, plane):
     """Cull by cluster and by face, transform, clip at the near plane and project.
 
     Args:
@@ -51,7 +51,7 @@ def project(corners, planes, clusters, spheres, rot, eye, view, width, height, x
         rot: (3, 3) float64; rows are the camera's right, down and forward axes.
         eye: (3,) float64 m.
         view: (5,) float64; fx, fy, cx, cy in pixels and the near distance in metres.
-        xy, plane, owner: outputs, (2F, 6) and (2F, 3) float64 and (2F,) int32.
+        xy, plane: outputs, (2F, 6) and (2F, 4) float64: corners by row; 1/z as an affine function, triangle number.
 
     Returns:
         The number of projected triangles.
@@ -137,7 +137,7 @@ def project(corners, planes, clusters, spheres, rot, eye, view, width, height, x
                 if count == 4:
                     n = _emit(x0, y0, w0, x2, y2, w2, x3, y3, w3, width, height, xy, plane, n)
             for m in range(first, n):
-                owner[m] = f
+                plane[m, 3] = f
     return n
 
 
@@ -165,10 +165,11 @@ def bin_bands(xy, n, height, rows):
 
 
 @njit(**JIT)
-def scan(xy, plane, items, i0, i1, row0, row1, width, samples, offsets, depth, ids):
+def scan(xy, plane, items, i0, i1, row0, row1, width, samples, offsets, ramp, depth, ids):
     """Scan-convert ``items[i0:i1]`` into sample rows ``samples*row0 .. samples*row1``.
 
     Sample row k lies at y = (k + ½)/samples; its samples at x = column + offsets[k % samples].
+    ``ramp`` holds 0, 1, 2 ... as float32, ``width`` of them.
     ``depth`` and ``ids`` are flat, one run of ``width`` per sample row; ids get the projected triangle's number.
     """
     scale = float(samples)
@@ -177,8 +178,8 @@ def scan(xy, plane, items, i0, i1, row0, row1, width, samples, offsets, depth, i
     for item in range(i0, i1):
         t = items[item]
         ax, ay, bx, by, cx, cy = xy[t, 0], xy[t, 1], xy[t, 2], xy[t, 3], xy[t, 4], xy[t, 5]
-        k0 = max(int(math.ceil(max(ay * scale - 0.5, -1.0))), first_row)
-        k1 = min(int(math.ceil(min(cy * scale - 0.5, scale * 16384.0))), last_row)
+        k0 = max(math.ceil(max(ay * scale - 0.5, -1.0)), first_row)
+        k1 = min(math.ceil(min(cy * scale - 0.5, scale * 16384.0)), last_row)
         if k0 >= k1:
             continue
         slope_ac = (cx - ax) / (cy - ay)
@@ -193,15 +194,18 @@ def scan(xy, plane, items, i0, i1, row0, row1, width, samples, offsets, depth, i
             if x0 > x1:
                 x0, x1 = x1, x0
             off = offsets[k % samples]
-            j0 = int(math.ceil(min(max(x0 - off, 0.0), wide)))
-            j1 = int(math.ceil(min(max(x1 - off, 0.0), wide)))
+            j0 = math.ceil(min(max(x0 - off, 0.0), wide))
+            j1 = math.ceil(min(max(x1 - off, 0.0), wide))
             if j0 >= j1:
                 continue
-            base = (k - first_row) * width
+            base = np.uint64((k - first_row) * width + j0)  # unsigned: no wrap-around test on each index
             w0 = np.float32(gx * (j0 + off) + gy * y + g0)
-            for j in range(j1 - j0):
-                w = w0 + step * np.float32(j)
-                p = base + j0 + j
-                if w > depth[p]:
-                    depth[p] = w
-                    ids[p] = t
+            for j in range(np.uint64(j1 - j0)):
+                # selects, not branches, and a ramp read from memory: this loop becomes vector code
+                w = w0 + step * ramp[j]
+                old = depth[base + j]
+                before = ids[base + j]
+                nearer = w > old
+                keep = np.float32(nearer)  # arithmetic, because a masked store is slow on some CPUs
+                depth[base + j] = keep * w + (np.float32(1.0) - keep) * old
+                ids[base + j] = t if nearer else before

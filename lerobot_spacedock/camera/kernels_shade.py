@@ -13,7 +13,7 @@ from numba import njit
 
 from .kernels_raster import JIT
 
-CHUNK = 512
+CHUNK = 256  # the scratch array then stays in the first-level cache
 TILE = 256  # texels along a pattern's side; then its mip levels
 LEVELS = 9
 LEVEL_START = tuple(int(sum((TILE >> j) ** 2 for j in range(level))) for level in range(LEVELS))
@@ -22,7 +22,8 @@ _START = np.array(LEVEL_START, np.int64)
 
 # rows of the scratch array
 NX, NY, NZ, VX, VY, VZ, AR, AG, AB, ROUGH, F0, METAL, AO, SUN, EMIT, DIST, OUT_R, OUT_G, OUT_B = range(19)
-SCRATCH_ROWS = 19
+PX, PY, PZ, TU, TV, FOOT, UX, UY, UZ, WX, WY, WZ, KIND = range(16, 29)  # the first three are free until OUT is written
+SCRATCH_ROWS = 29
 
 # places in the light array: Sun direction, Sun colour, Earth colour, fill colour, lamp, exposure
 SUN_DIR, SUN_RGB, EARTH_RGB, FILL_RGB, LAMP_RGB, EXPOSURE, LAMP_SOFT_m2, LAMP_ON = 0, 3, 6, 9, 12, 15, 16, 17
@@ -32,189 +33,219 @@ LIGHT_SIZE = 18
 M_BASE, M_SECOND, M_ROUGH, M_F0, M_METAL, M_SCALE, M_BUMP, M_PATTERN, M_EMIT, M_TINT = 0, 3, 6, 7, 8, 9, 10, 11, 12, 13
 MATERIAL_SIZE = 14
 
-# columns of the triangle table: normal, u, v and openness are each affine in position
-T_N, T_U, T_V, T_AO = 0, 12, 16, 20
-TRIANGLE_SIZE = 24
+# columns of the triangle table: normal, u, v and openness are each affine in position; material; two-sided flag
+T_N, T_U, T_V, T_AO, T_KIND, T_BOTH = 0, 12, 16, 20, 24, 25
+TRIANGLE_SIZE = 32  # two whole cache lines
 
 
 @njit(**JIT)
-def collect(depth, ids, row0, row1, width, samples, off_x, frag_x, frag_y, frag_tri, frag_pixel, frag_weight, sky):
+def collect(ids, row0, row1, width, samples, off_x, frag_x, frag_y, frag_tri, frag_pixel, frag_weight, sky):
     """List the band's fragments: one per distinct triangle and pixel, at the centroid of its samples.
 
     Returns:
         The number of fragments. ``sky`` gets the share of each pixel where nothing was hit.
     """
     n = 0
-    share = np.float32(1.0 / samples)
+    full, none = np.float32(1.0), np.float32(0.0)
     for i in range(row1 - row0):
         line = i * samples * width
+        y = np.float32(row0 + i + 0.5)
         for j in range(width):
             p = line + j
             pixel = i * width + j
-            t0 = ids[p]
-            same = True
-            for s in range(1, samples):
-                if ids[p + s * width] != t0:
-                    same = False
-            if same:
-                if t0 < 0:
-                    sky[pixel] = np.float32(1.0)
-                else:
-                    sky[pixel] = np.float32(0.0)
-                    frag_x[n] = np.float32(j + 0.5)
-                    frag_y[n] = np.float32(row0 + i + 0.5)
-                    frag_tri[n], frag_pixel[n], frag_weight[n] = t0, pixel, np.float32(1.0)
-                    n += 1
-                continue
-            empty = 0
-            for s in range(samples):
-                t = ids[p + s * width]
+            t = ids[p]
+            if samples == 1 or (t == ids[p + width] and t == ids[p + 2 * width] and t == ids[p + 3 * width]):
                 if t < 0:
-                    empty += 1
-                    continue
-                seen = False
-                for r in range(s):
-                    if ids[p + r * width] == t:
-                        seen = True
-                if seen:
-                    continue
-                count = 0
-                x = y = np.float32(0.0)
-                for r in range(s, samples):
-                    if ids[p + r * width] == t:
-                        count += 1
-                        x += np.float32(off_x[r])
-                        y += np.float32((r + 0.5) / samples)
-                frag_x[n] = np.float32(j) + x / np.float32(count)
-                frag_y[n] = np.float32(row0 + i) + y / np.float32(count)
-                frag_tri[n], frag_pixel[n], frag_weight[n] = t, pixel, np.float32(count) * share
-                n += 1
-            sky[pixel] = np.float32(empty) * share
+                    sky[pixel] = full
+                else:
+                    sky[pixel] = none
+                    frag_x[n] = np.float32(j) + np.float32(0.5)
+                    frag_y[n] = y
+                    frag_tri[n], frag_pixel[n], frag_weight[n] = t, pixel, full
+                    n += 1
+            else:
+                n = _split(
+                    ids, p, width, row0 + i, j, pixel, off_x, frag_x, frag_y, frag_tri, frag_pixel, frag_weight, sky, n
+                )
     return n
 
 
 @njit(**JIT)
-def lit_by_sun(x, y, z, nx, ny, nz, maps, map_start, map_size, map_affine):
-    """Share of the Sun seen at a point (0..1): the tightest shadow map that holds it, four taps, bilinear."""
-    for c in range(map_size.shape[0]):
-        size = map_size[c]
-        push = map_affine[c, 12]
-        qx, qy, qz = x + nx * push, y + ny * push, z + nz * push
-        u = map_affine[c, 0] * qx + map_affine[c, 1] * qy + map_affine[c, 2] * qz + map_affine[c, 3]
-        v = map_affine[c, 4] * qx + map_affine[c, 5] * qy + map_affine[c, 6] * qz + map_affine[c, 7]
-        if u < np.float32(1.0) or v < np.float32(1.0):
+def _split(ids, p, width, row, column, pixel, off_x, frag_x, frag_y, frag_tri, frag_pixel, frag_weight, sky, n):
+    """The fragments of a pixel whose four samples differ; → number of fragments so far."""
+    empty = 0
+    for s in range(4):
+        t = ids[p + s * width]
+        if t < 0:
+            empty += 1
             continue
-        iu, iv = int(u), int(v)
-        if iu >= size - 2 or iv >= size - 2:
+        seen = False
+        for r in range(s):
+            if ids[p + r * width] == t:
+                seen = True
+        if seen:
             continue
-        h = map_affine[c, 8] * qx + map_affine[c, 9] * qy + map_affine[c, 10] * qz + map_affine[c, 11]
-        fu, fv = u - np.float32(iu), v - np.float32(iv)
-        p = map_start[c] + iv * size + iu
-        one, zero = np.float32(1.0), np.float32(0.0)
-        a = zero if maps[p] > h else one
-        b = zero if maps[p + 1] > h else one
-        d = zero if maps[p + size] > h else one
-        e = zero if maps[p + size + 1] > h else one
-        top = a + fu * (b - a)
-        low = d + fu * (e - d)
-        return top + fv * (low - top)
-    return np.float32(1.0)
+        count = 0
+        x = y = np.float32(0.0)
+        for r in range(s, 4):
+            if ids[p + r * width] == t:
+                count += 1
+                x += np.float32(off_x[r])
+                y += np.float32(0.25 * r + 0.125)
+        inv = np.float32(1.0) / np.float32(count)
+        frag_x[n] = np.float32(column) + x * inv
+        frag_y[n] = np.float32(row) + y * inv
+        frag_tri[n], frag_pixel[n], frag_weight[n] = t, pixel, np.float32(0.25) * np.float32(count)
+        n += 1
+    sky[pixel] = np.float32(0.25) * np.float32(empty)
+    return n
 
 
 @njit(**JIT)
-def gather(k0, n, frag_x, frag_y, frag_tri, plane, owner, table, faces, kind, materials, texels, maps, map_start,
-           map_size, map_affine, rot, eye, view, light, scratch):  # fmt: skip
-    """Fill the scratch array for fragments k0 .. k0+n: position, bumped normal, surface and Sun share."""
+def locate(k0, n, frag_x, frag_y, frag_tri, plane, table, materials, rot, eye, view, s):
+    """Position, normal, texture place and openness of fragments k0 .. k0+n."""
     ex, ey, ez = np.float32(eye[0]), np.float32(eye[1]), np.float32(eye[2])
     inv_fx, inv_fy = np.float32(1.0 / view[0]), np.float32(1.0 / view[1])
     cx, cy = np.float32(view[2]), np.float32(view[3])
     r00, r01, r02 = np.float32(rot[0, 0]), np.float32(rot[0, 1]), np.float32(rot[0, 2])
     r10, r11, r12 = np.float32(rot[1, 0]), np.float32(rot[1, 1]), np.float32(rot[1, 2])
     r20, r21, r22 = np.float32(rot[2, 0]), np.float32(rot[2, 1]), np.float32(rot[2, 2])
-    sx, sy, sz = light[0], light[1], light[2]
-    one, zero, mask8 = np.float32(1.0), np.float32(0.0), np.uint32(255)
-    byte = np.float32(1.0 / 255.0)
+    one, zero = np.float32(1.0), np.float32(0.0)
+    grain = inv_fx * np.float32(TILE)
     for k in range(n):
-        t = frag_tri[k0 + k]
-        f = owner[t]
+        # unsigned indices spare a wrap-around test each
+        t = np.uint32(frag_tri[k0 + k])
         fx, fy = frag_x[k0 + k], frag_y[k0 + k]
-        w = np.float32(plane[t, 0] * fx + plane[t, 1] * fy + plane[t, 2])
-        z = one / w
+        z = one / np.float32(plane[t, 0] * fx + plane[t, 1] * fy + plane[t, 2])
+        f = np.uint32(plane[t, 3])
         dx, dy = (fx - cx) * inv_fx, (fy - cy) * inv_fy
         rx = r00 * dx + r10 * dy + r20
         ry = r01 * dx + r11 * dy + r21
         rz = r02 * dx + r12 * dy + r22
-        x, y, zz = ex + z * rx, ey + z * ry, ez + z * rz
-        nx = table[f, 0] + table[f, 3] * x + table[f, 4] * y + table[f, 5] * zz
-        ny = table[f, 1] + table[f, 6] * x + table[f, 7] * y + table[f, 8] * zz
-        nz = table[f, 2] + table[f, 9] * x + table[f, 10] * y + table[f, 11] * zz
-        if faces[f, 4] != zero and nx * rx + ny * ry + nz * rz > zero:
-            nx, ny, nz = -nx, -ny, -nz
+        x, y, h = ex + z * rx, ey + z * ry, ez + z * rz
+        nx = table[f, 0] + table[f, 3] * x + table[f, 4] * y + table[f, 5] * h
+        ny = table[f, 1] + table[f, 6] * x + table[f, 7] * y + table[f, 8] * h
+        nz = table[f, 2] + table[f, 9] * x + table[f, 10] * y + table[f, 11] * h
         ray = math.sqrt(rx * rx + ry * ry + rz * rz)
-        m = kind[f]
+        toward = nx * rx + ny * ry + nz * rz
+        if table[f, 25] != zero and toward > zero:
+            nx, ny, nz = -nx, -ny, -nz
+        back = -one / ray
+        m = table[f, 24]
+        scale = materials[np.uint32(m), 9]
+        gux, guy, guz = table[f, 13], table[f, 14], table[f, 15]
+        gvx, gvy, gvz = table[f, 17], table[f, 18], table[f, 19]
+        s[NX * CHUNK + k], s[NY * CHUNK + k], s[NZ * CHUNK + k] = nx, ny, nz
+        s[VX * CHUNK + k], s[VY * CHUNK + k], s[VZ * CHUNK + k] = rx * back, ry * back, rz * back
+        s[PX * CHUNK + k], s[PY * CHUNK + k], s[PZ * CHUNK + k] = x, y, h
+        s[TU * CHUNK + k] = (table[f, 12] + gux * x + guy * y + guz * h) * scale
+        s[TV * CHUNK + k] = (table[f, 16] + gvx * x + gvy * y + gvz * h) * scale
+        s[FOOT * CHUNK + k] = z * grain * scale / max(abs(toward * back), np.float32(0.3))
+        s[UX * CHUNK + k], s[UY * CHUNK + k], s[UZ * CHUNK + k] = gux, guy, guz
+        s[WX * CHUNK + k], s[WY * CHUNK + k], s[WZ * CHUNK + k] = gvx, gvy, gvz
+        ao = table[f, 20] + table[f, 21] * x + table[f, 22] * y + table[f, 23] * h
+        s[AO * CHUNK + k] = min(max(ao, zero), one)
+        s[DIST * CHUNK + k] = z * ray
+        s[KIND * CHUNK + k] = m
+
+
+@njit(**JIT)
+def shade_shadow(n, light, maps, map_start, map_size, map_affine, s):
+    """Share of the Sun that reaches n fragments (0..1): the tightest map that holds the point, four taps, bilinear."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    sx, sy, sz = light[0], light[1], light[2]
+    cascades = map_size.shape[0]
+    for k in range(n):
+        nx, ny, nz = s[NX * CHUNK + k], s[NY * CHUNK + k], s[NZ * CHUNK + k]
+        lit = zero
+        if light[3] > zero and nx * sx + ny * sy + nz * sz > zero:
+            lit = one
+            x, y, z = s[PX * CHUNK + k], s[PY * CHUNK + k], s[PZ * CHUNK + k]
+            # far from the port the tight maps need not be tried
+            near = max(abs(x), abs(y), abs(z)) < np.float32(9.0)
+            for c in range(0 if near else cascades - 1, cascades):
+                size = map_size[c]
+                push = map_affine[c, 12]
+                qx, qy, qz = x + nx * push, y + ny * push, z + nz * push
+                u = map_affine[c, 0] * qx + map_affine[c, 1] * qy + map_affine[c, 2] * qz + map_affine[c, 3]
+                v = map_affine[c, 4] * qx + map_affine[c, 5] * qy + map_affine[c, 6] * qz + map_affine[c, 7]
+                edge = np.float32(size - 2)
+                if u < one or v < one or u >= edge or v >= edge:
+                    continue
+                iu, iv = int(u), int(v)
+                h = map_affine[c, 8] * qx + map_affine[c, 9] * qy + map_affine[c, 10] * qz + map_affine[c, 11]
+                fu, fv = u - np.float32(iu), v - np.float32(iv)
+                p = map_start[c] + iv * size + iu
+                q = p + size
+                a = zero if maps[np.uint64(p)] > h else one
+                b = zero if maps[np.uint64(p + 1)] > h else one
+                d = zero if maps[np.uint64(q)] > h else one
+                e = zero if maps[np.uint64(q + 1)] > h else one
+                top = a + fu * (b - a)
+                low = d + fu * (e - d)
+                lit = top + fv * (low - top)
+                break
+        s[SUN * CHUNK + k] = lit
+
+
+@njit(**JIT)
+def clothe(n, materials, texels, s):
+    """Colour, gloss and relief of n fragments from their material and its pattern."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    byte, middle = np.float32(1.0 / 255.0), np.float32(128.0 / 255.0)
+    for k in range(n):
+        m = np.uint32(s[KIND * CHUNK + k])
         tint = one
         second = zero
-        gnx, gny, gnz = nx, ny, nz
-        scale = materials[m, 9]
-        if scale > zero:
-            gux, guy, guz = table[f, 13], table[f, 14], table[f, 15]
-            gvx, gvy, gvz = table[f, 17], table[f, 18], table[f, 19]
-            u = (table[f, 12] + gux * x + guy * y + guz * zz) * scale
-            v = (table[f, 16] + gvx * x + gvy * y + gvz * zz) * scale
-            slant = max(abs(nx * rx + ny * ry + nz * rz) / ray, np.float32(0.3))
-            foot = z * inv_fx * scale * np.float32(TILE) / slant
+        if materials[m, 9] > zero:
+            u, v, foot = s[TU * CHUNK + k], s[TV * CHUNK + k], s[FOOT * CHUNK + k]
             level = 0
             while foot > np.float32(1.5) and level < LEVELS - 1:
                 foot *= np.float32(0.5)
                 level += 1
             side = TILE >> level
             bits = side - 1
-            fside = np.float32(side)
-            u = (u - np.floor(u)) * fside
-            v = (v - np.floor(v)) * fside
+            u = (u - np.floor(u)) * np.float32(side)
+            v = (v - np.floor(v)) * np.float32(side)
             iu, iv = int(u), int(v)
             fu, fv = u - np.float32(iu), v - np.float32(iv)
             start = int(materials[m, 11]) * PATTERN_TEXELS + _START[level]
             iu0, iu1 = iu & bits, (iu + 1) & bits
             row_a, row_b = start + (iv & bits) * side, start + ((iv + 1) & bits) * side
-            ta, tb, tc, td = texels[row_a + iu0], texels[row_a + iu1], texels[row_b + iu0], texels[row_b + iu1]
-            wa, wb = (one - fu) * (one - fv) * byte, fu * (one - fv) * byte
-            wc, wd = (one - fu) * fv * byte, fu * fv * byte
+            ta, tb = texels[np.uint64(row_a + iu0)], texels[np.uint64(row_a + iu1)]
+            tc, td = texels[np.uint64(row_b + iu0)], texels[np.uint64(row_b + iu1)]
+            fu1, fv1 = (one - fu) * byte, one - fv
+            fu = fu * byte
+            wa, wb, wc, wd = fu1 * fv1, fu * fv1, fu1 * fv, fu * fv
             shade = (
-                np.float32(ta & mask8) * wa + np.float32(tb & mask8) * wb
-                + np.float32(tc & mask8) * wc + np.float32(td & mask8) * wd
+                np.float32(ta & 255) * wa + np.float32(tb & 255) * wb
+                + np.float32(tc & 255) * wc + np.float32(td & 255) * wd
             )  # fmt: skip
             second = (
-                np.float32((ta >> np.uint32(8)) & mask8) * wa + np.float32((tb >> np.uint32(8)) & mask8) * wb
-                + np.float32((tc >> np.uint32(8)) & mask8) * wc + np.float32((td >> np.uint32(8)) & mask8) * wd
+                np.float32((ta >> 8) & 255) * wa + np.float32((tb >> 8) & 255) * wb
+                + np.float32((tc >> 8) & 255) * wc + np.float32((td >> 8) & 255) * wd
             )  # fmt: skip
-            bump_u = (
-                np.float32((ta >> np.uint32(16)) & mask8) * wa + np.float32((tb >> np.uint32(16)) & mask8) * wb
-                + np.float32((tc >> np.uint32(16)) & mask8) * wc + np.float32((td >> np.uint32(16)) & mask8) * wd
-            ) - np.float32(128.0 / 255.0)  # fmt: skip
-            bump_v = (
-                np.float32(ta >> np.uint32(24)) * wa + np.float32(tb >> np.uint32(24)) * wb
-                + np.float32(tc >> np.uint32(24)) * wc + np.float32(td >> np.uint32(24)) * wd
-            ) - np.float32(128.0 / 255.0)  # fmt: skip
             tint = one + materials[m, 13] * (shade * np.float32(2.0) - one)
-            bump = materials[m, 10]
-            nx -= bump * (bump_u * gux + bump_v * gvx)
-            ny -= bump * (bump_u * guy + bump_v * gvy)
-            nz -= bump * (bump_u * guz + bump_v * gvz)
-        lit = zero
-        if light[3] > zero and gnx * sx + gny * sy + gnz * sz > np.float32(-0.1):
-            lit = lit_by_sun(x, y, zz, gnx, gny, gnz, maps, map_start, map_size, map_affine)
-        ao = table[f, 20] + table[f, 21] * x + table[f, 22] * y + table[f, 23] * zz
-        back = -one / ray
-        scratch[NX * CHUNK + k], scratch[NY * CHUNK + k], scratch[NZ * CHUNK + k] = nx, ny, nz
-        scratch[VX * CHUNK + k], scratch[VY * CHUNK + k], scratch[VZ * CHUNK + k] = rx * back, ry * back, rz * back
-        scratch[AR * CHUNK + k] = (materials[m, 0] + second * (materials[m, 3] - materials[m, 0])) * tint
-        scratch[AG * CHUNK + k] = (materials[m, 1] + second * (materials[m, 4] - materials[m, 1])) * tint
-        scratch[AB * CHUNK + k] = (materials[m, 2] + second * (materials[m, 5] - materials[m, 2])) * tint
-        scratch[ROUGH * CHUNK + k], scratch[F0 * CHUNK + k] = materials[m, 6], materials[m, 7]
-        scratch[METAL * CHUNK + k], scratch[EMIT * CHUNK + k] = materials[m, 8], materials[m, 12]
-        scratch[AO * CHUNK + k], scratch[SUN * CHUNK + k] = min(max(ao, zero), one), lit
-        scratch[DIST * CHUNK + k] = z * ray
+            if level < 5:
+                bump_u = (
+                    np.float32((ta >> 16) & 255) * wa + np.float32((tb >> 16) & 255) * wb
+                    + np.float32((tc >> 16) & 255) * wc + np.float32((td >> 16) & 255) * wd
+                ) - middle  # fmt: skip
+                bump_v = (
+                    np.float32((ta >> 24) & 255) * wa + np.float32((tb >> 24) & 255) * wb
+                    + np.float32((tc >> 24) & 255) * wc + np.float32((td >> 24) & 255) * wd
+                ) - middle  # fmt: skip
+                bump = materials[m, 10]
+                bump_u *= bump
+                bump_v *= bump
+                s[NX * CHUNK + k] -= bump_u * s[UX * CHUNK + k] + bump_v * s[WX * CHUNK + k]
+                s[NY * CHUNK + k] -= bump_u * s[UY * CHUNK + k] + bump_v * s[WY * CHUNK + k]
+                s[NZ * CHUNK + k] -= bump_u * s[UZ * CHUNK + k] + bump_v * s[WZ * CHUNK + k]
+        s[AR * CHUNK + k] = (materials[m, 0] + second * (materials[m, 3] - materials[m, 0])) * tint
+        s[AG * CHUNK + k] = (materials[m, 1] + second * (materials[m, 4] - materials[m, 1])) * tint
+        s[AB * CHUNK + k] = (materials[m, 2] + second * (materials[m, 5] - materials[m, 2])) * tint
+        s[ROUGH * CHUNK + k], s[F0 * CHUNK + k] = materials[m, 6], materials[m, 7]
+        s[METAL * CHUNK + k], s[EMIT * CHUNK + k] = materials[m, 8], materials[m, 12]
 
 
 @njit(**JIT)

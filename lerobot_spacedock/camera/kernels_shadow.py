@@ -65,8 +65,8 @@ def draw_depth(corners, basis, offset_u, offset_v, texels_per_m, size, out):
         gy = ((ch - ah) * (bx - ax) - (bh - ah) * (cx - ax)) / det
         # a steep face's plane may run far past its own corners between texel centres
         low, high = np.float32(min(ah, bh, ch)), np.float32(max(ah, bh, ch))
-        k0 = max(int(math.ceil(max(ay - 0.5, -1.0))), 0)
-        k1 = min(int(math.ceil(min(cy - 0.5, limit))), size)
+        k0 = max(math.ceil(max(ay - 0.5, -1.0)), 0)
+        k1 = min(math.ceil(min(cy - 0.5, limit)), size)
         slope_ac = (cx - ax) / (cy - ay)
         slope_ab = (bx - ax) / (by - ay) if by > ay else 0.0
         slope_bc = (cx - bx) / (cy - by) if cy > by else 0.0
@@ -76,8 +76,8 @@ def draw_depth(corners, basis, offset_u, offset_v, texels_per_m, size, out):
             x1 = ax + (y - ay) * slope_ab if y < by else bx + (y - by) * slope_bc
             if x0 > x1:
                 x0, x1 = x1, x0
-            j0 = int(math.ceil(min(max(x0 - 0.5, 0.0), limit)))
-            j1 = int(math.ceil(min(max(x1 - 0.5, 0.0), limit)))
+            j0 = math.ceil(min(max(x0 - 0.5, 0.0), limit))
+            j1 = math.ceil(min(max(x1 - 0.5, 0.0), limit))
             for j in range(j0, j1):
                 h = np.float32(ah + gx * (j + 0.5 - ax) + gy * (y - ay))
                 h = min(max(h, low), high)

@@ -15,6 +15,89 @@ EARTH_SIZE = 2048  # texels along the side of the Earth patch that is seen from 
 EARTH_REACH = 0.37  # sine of the central angle at the patch's edge; the horizon is at 0.342
 _RO = ORBIT_RADIUS_m / EARTH_EQUATORIAL_RADIUS_m  # everything below in Earth radii
 _HORIZON = math.sqrt(1.0 - 1.0 / (_RO * _RO))  # cosine from the nadir of the geometric horizon
+_AIR_TOP = (1.0 + 140e3 / EARTH_EQUATORIAL_RADIUS_m) ** 2  # nothing glows above this
+
+
+@njit(**JIT)
+def _ground(rx, ry, rz, down, gap, sx, sy, sz, earth):
+    """Radiance (red, green, blue) of the sunlit Earth along a unit ray that meets it."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    ro = np.float32(_RO)
+    half, per = np.float32(0.5 * EARTH_SIZE), np.float32(0.5 * EARTH_SIZE / EARTH_REACH)
+    t = ro * down - math.sqrt(one - gap)
+    nx, ny, nz = ro + t * rx, t * ry, t * rz
+    u, v = ny * per + half, nz * per + half
+    iu, iv = min(max(int(u), 0), EARTH_SIZE - 2), min(max(int(v), 0), EARTH_SIZE - 2)
+    fu, fv = u - np.float32(iu), v - np.float32(iv)
+    p = iv * EARTH_SIZE + iu
+    ta, tb, tc, td = earth[p], earth[p + 1], earth[p + EARTH_SIZE], earth[p + EARTH_SIZE + 1]
+    byte = np.float32(1.0 / 255.0)
+    wa, wb = (one - fu) * (one - fv) * byte, fu * (one - fv) * byte
+    wc, wd = (one - fu) * fv * byte, fu * fv * byte
+    gr = np.float32(ta & 255) * wa + np.float32(tb & 255) * wb + np.float32(tc & 255) * wc + np.float32(td & 255) * wd
+    gg = (
+        np.float32((ta >> 8) & 255) * wa + np.float32((tb >> 8) & 255) * wb
+        + np.float32((tc >> 8) & 255) * wc + np.float32((td >> 8) & 255) * wd
+    )  # fmt: skip
+    gb = (
+        np.float32((ta >> 16) & 255) * wa + np.float32((tb >> 16) & 255) * wb
+        + np.float32((tc >> 16) & 255) * wc + np.float32((td >> 16) & 255) * wd
+    )  # fmt: skip
+    gloss = (
+        np.float32((ta >> 24) & 255) * wa + np.float32((tb >> 24) & 255) * wb
+        + np.float32((tc >> 24) & 255) * wc + np.float32((td >> 24) & 255) * wd
+    )  # fmt: skip
+    mu = max(-(rx * nx + ry * ny + rz * nz), zero)
+    sun = nx * sx + ny * sy + nz * sz
+    day = min(max((sun + np.float32(0.06)) * np.float32(5.0), zero), one)
+    day = day * day
+    level = day * max(sun, np.float32(0.02))
+    # the Sun's glint on water, broad because of waves
+    hx, hy, hz = sx - rx, sy - ry, sz - rz
+    nh = max((nx * hx + ny * hy + nz * hz) / math.sqrt(hx * hx + hy * hy + hz * hz + np.float32(1e-6)), zero)
+    for _ in range(5):
+        nh = nh * nh
+    glint = gloss * nh * nh * day * np.float32(0.6)
+    warm = min(max(np.float32(0.25) - sun, zero) * np.float32(3.0), one)  # low Sun reddens
+    haze = np.float32(0.05) / (np.float32(0.05) + mu)
+    keep = one - haze
+    air = haze * level
+    red = keep * (gr * level + glint) + air * np.float32(0.30) * (one + warm)
+    green = keep * (gg * level * (one - np.float32(0.25) * warm) + glint) + air * np.float32(0.46)
+    blue = keep * (gb * level * (one - np.float32(0.45) * warm) + glint)
+    blue += air * np.float32(0.80) * (one - np.float32(0.4) * warm)
+    return red, green, blue
+
+
+@njit(**JIT)
+def _limb(rx, ry, rz, down, gap, sx, sy, sz):
+    """Radiance (red, green, blue) of the air above the limb along a unit ray that misses the ground."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    ro = np.float32(_RO)
+    h = (math.sqrt(gap) - one) * np.float32(637.8)  # height of the ray's lowest point, 10 km
+    sun = ((ro + ro * down * rx) * sx + ro * down * (ry * sy + rz * sz)) / math.sqrt(gap)
+    day = min(max((sun + np.float32(0.12)) * np.float32(4.0), zero), one)
+    level = day * min(max(sun, np.float32(0.03)) + np.float32(0.1), one)
+    half, sixth = np.float32(0.5), np.float32(0.1666)
+    low = one / (one + h * (one + h * (half + h * sixth)))  # stands in for an exponential
+    h2 = h * np.float32(0.45)
+    high = one / (one + h2 * (one + h2 * (half + h2 * sixth)))
+    warm = min(max(np.float32(0.2) - sun, zero) * np.float32(4.0), one)
+    glow = h * np.float32(0.1) - np.float32(0.95)  # green airglow, a thin layer near 95 km
+    night = np.float32(0.004) / (one + np.float32(60.0) * glow * glow)
+    red = level * (np.float32(0.45) * low * (one + warm) + np.float32(0.02) * high) + night * np.float32(0.4)
+    green = level * (np.float32(0.55) * low + np.float32(0.10) * high) + night
+    blue = level * (np.float32(0.65) * low * (one - np.float32(0.6) * warm) + np.float32(0.35) * high)
+    return red, green, blue + night * np.float32(0.3)
+
+
+@njit(**JIT)
+def _film(x):
+    """The tone curve of ``kernels_shade.tone_map``."""
+    return (
+        x * (np.float32(2.51) * x + np.float32(0.03))
+        / (x * (np.float32(2.43) * x + np.float32(0.59)) + np.float32(0.14))
+    )  # fmt: skip
 
 
 @njit(**JIT)
@@ -24,134 +107,49 @@ def paint_sky(row0, row1, width, sky, rot, view, light, earth, colour):
     inv_fx, inv_fy = 1.0 / view[0], 1.0 / view[1]
     sx, sy, sz = light[0], light[1], light[2]
     exposure = light[15]
-    # only the Sun's colour is used here; in the station's eclipse the Earth below may still be lit, so keep it white
-    ro = np.float32(_RO)
-    half = np.float32(0.5 * EARTH_SIZE)
-    per = np.float32(0.5 * EARTH_SIZE / EARTH_REACH)
-    limit = EARTH_SIZE - 2
-    m8, byte = np.uint32(255), np.float32(1.0 / 255.0)
+    ro2, air_top = np.float32(_RO * _RO), np.float32(_AIR_TOP)
+    r00, r01, r02 = np.float32(rot[0, 0]), np.float32(rot[0, 1]), np.float32(rot[0, 2])
     for i in range(row1 - row0):
         dy = np.float32((row0 + i + 0.5 - view[3]) * inv_fy)
+        bx = np.float32(rot[1, 0]) * dy + np.float32(rot[2, 0])
+        by = np.float32(rot[1, 1]) * dy + np.float32(rot[2, 1])
+        bz = np.float32(rot[1, 2]) * dy + np.float32(rot[2, 2])
+        row_one = one + dy * dy
         for j in range(width):
             share = sky[i * width + j]
             if share == zero:
                 continue
             dx = np.float32((j + 0.5 - view[2]) * inv_fx)
-            rx = np.float32(rot[0, 0]) * dx + np.float32(rot[1, 0]) * dy + np.float32(rot[2, 0])
-            ry = np.float32(rot[0, 1]) * dx + np.float32(rot[1, 1]) * dy + np.float32(rot[2, 1])
-            rz = np.float32(rot[0, 2]) * dx + np.float32(rot[1, 2]) * dy + np.float32(rot[2, 2])
-            inv = one / math.sqrt(rx * rx + ry * ry + rz * rz)
-            rx, ry, rz = rx * inv, ry * inv, rz * inv
+            rx = r00 * dx + bx
+            rr = row_one + dx * dx  # squared length of the ray
+            near_earth = rx < zero and ro2 * (rr - rx * rx) < air_top * rr
+            along = sx * rx + sy * (r01 * dx + by) + sz * (r02 * dx + bz)
+            near_sun = along > zero and along * along > np.float32(0.96) * rr
+            if not (near_earth or near_sun):
+                continue
+            inv = one / math.sqrt(rr)
+            rx, ry, rz = rx * inv, (r01 * dx + by) * inv, (r02 * dx + bz) * inv
             red = green = blue = zero
-            down = -rx
-            gap = ro * ro * (one - down * down)  # squared distance of the ray from the Earth's centre
-            if down > zero and gap < one:
-                t = ro * down - math.sqrt(one - gap)
-                nx, ny, nz = ro + t * rx, t * ry, t * rz
-                u = ny * per + half
-                v = nz * per + half
-                iu = min(max(int(u), 0), limit)
-                iv = min(max(int(v), 0), limit)
-                fu, fv = u - np.float32(iu), v - np.float32(iv)
-                p = iv * EARTH_SIZE + iu
-                ta, tb, tc, td = earth[p], earth[p + 1], earth[p + EARTH_SIZE], earth[p + EARTH_SIZE + 1]
-                wa, wb, wc, wd = (
-                    (one - fu) * (one - fv) * byte,
-                    fu * (one - fv) * byte,
-                    (one - fu) * fv * byte,
-                    fu * fv * byte,
-                )
-                gr = (
-                    np.float32(ta & m8) * wa
-                    + np.float32(tb & m8) * wb
-                    + np.float32(tc & m8) * wc
-                    + np.float32(td & m8) * wd
-                )
-                gg = (
-                    np.float32((ta >> np.uint32(8)) & m8) * wa + np.float32((tb >> np.uint32(8)) & m8) * wb
-                    + np.float32((tc >> np.uint32(8)) & m8) * wc + np.float32((td >> np.uint32(8)) & m8) * wd
-                )  # fmt: skip
-                gb = (
-                    np.float32((ta >> np.uint32(16)) & m8) * wa + np.float32((tb >> np.uint32(16)) & m8) * wb
-                    + np.float32((tc >> np.uint32(16)) & m8) * wc + np.float32((td >> np.uint32(16)) & m8) * wd
-                )  # fmt: skip
-                gloss = (
-                    np.float32(ta >> np.uint32(24)) * wa + np.float32(tb >> np.uint32(24)) * wb
-                    + np.float32(tc >> np.uint32(24)) * wc + np.float32(td >> np.uint32(24)) * wd
-                )  # fmt: skip
-                mu = max(-(rx * nx + ry * ny + rz * nz), zero)
-                sun = nx * sx + ny * sy + nz * sz
-                day = min(max((sun + np.float32(0.06)) * np.float32(5.0), zero), one)
-                day = day * day
-                level = day * max(sun, np.float32(0.02))
-                # Sun glint on water, broad because of waves
-                hx, hy, hz = sx - rx, sy - ry, sz - rz
-                hh = one / math.sqrt(hx * hx + hy * hy + hz * hz + np.float32(1e-6))
-                nh = max((nx * hx + ny * hy + nz * hz) * hh, zero)
-                nh = nh * nh
-                nh = nh * nh
-                nh = nh * nh
-                nh = nh * nh
-                nh = nh * nh
-                glint = gloss * nh * nh * day * np.float32(0.6)
-                warm = min(max(np.float32(0.25) - sun, zero) * np.float32(3.0), one)  # low Sun reddens
-                haze = np.float32(0.05) / (np.float32(0.05) + mu)
-                keep = one - haze
-                red = keep * (gr * level + glint) + haze * np.float32(0.30) * level * (one + warm)
-                green = keep * (gg * level * (one - np.float32(0.25) * warm) + glint) + haze * np.float32(0.46) * level
-                blue = keep * (gb * level * (one - np.float32(0.45) * warm) + glint) + haze * np.float32(
-                    0.80
-                ) * level * (one - np.float32(0.4) * warm)
-            else:
-                if down > zero:
-                    # thin shells of air above the limb: heights in units of 10 km
-                    h = (math.sqrt(gap) - one) * np.float32(637.8)
-                    if h < np.float32(14.0):
-                        nx = ro + ro * down * rx
-                        sun = (nx * sx + ro * down * (ry * sy + rz * sz)) / math.sqrt(gap)
-                        day = min(max((sun + np.float32(0.12)) * np.float32(4.0), zero), one)
-                        level = day * min(max(sun, np.float32(0.03)) + np.float32(0.1), one)
-                        low = one / (one + h * (one + h * (np.float32(0.5) + h * np.float32(0.1666))))
-                        h2 = h * np.float32(0.45)
-                        high = one / (one + h2 * (one + h2 * (np.float32(0.5) + h2 * np.float32(0.1666))))
-                        warm = min(max(np.float32(0.2) - sun, zero) * np.float32(4.0), one)
-                        red = level * (np.float32(0.45) * low * (one + warm) + np.float32(0.02) * high)
-                        green = level * (np.float32(0.55) * low + np.float32(0.10) * high)
-                        blue = level * (
-                            np.float32(0.65) * low * (one - np.float32(0.6) * warm) + np.float32(0.35) * high
-                        )
-                        glow = h * np.float32(0.1) - np.float32(0.95)  # green airglow, a thin layer near 95 km
-                        night = np.float32(0.004) / (one + np.float32(60.0) * glow * glow)
-                        red += night * np.float32(0.4)
-                        green += night
-                        blue += night * np.float32(0.3)
-                away = one - (rx * sx + ry * sy + rz * sz)
-                if away < np.float32(0.02):
-                    flare = (
-                        np.float32(6e-6) / (away + np.float32(2e-6)) if away > np.float32(1.1e-5) else np.float32(40.0)
-                    )
-                    red += flare
-                    green += flare * np.float32(0.97)
-                    blue += flare * np.float32(0.9)
+            meets = False
+            if near_earth:
+                down = -rx
+                gap = ro2 * (one - down * down)  # squared distance of the ray from the Earth's centre
+                meets = gap < one
+                if meets:
+                    red, green, blue = _ground(rx, ry, rz, down, gap, sx, sy, sz, earth)
+                else:
+                    red, green, blue = _limb(rx, ry, rz, down, gap, sx, sy, sz)
+            if near_sun and not meets:
+                away = one - along * inv
+                disc = away < np.float32(1.1e-5)  # cosine of the Sun's angular radius
+                flare = np.float32(40.0) if disc else np.float32(6e-6) / (away + np.float32(2e-6))
+                red += flare
+                green += flare * np.float32(0.97)
+                blue += flare * np.float32(0.9)
             p = 3 * (i * width + j)
-            x = red * exposure
-            colour[p] += share * (
-                x
-                * (np.float32(2.51) * x + np.float32(0.03))
-                / (x * (np.float32(2.43) * x + np.float32(0.59)) + np.float32(0.14))
-            )
-            x = green * exposure
-            colour[p + 1] += share * (
-                x
-                * (np.float32(2.51) * x + np.float32(0.03))
-                / (x * (np.float32(2.43) * x + np.float32(0.59)) + np.float32(0.14))
-            )
-            x = blue * exposure
-            colour[p + 2] += share * (
-                x
-                * (np.float32(2.51) * x + np.float32(0.03))
-                / (x * (np.float32(2.43) * x + np.float32(0.59)) + np.float32(0.14))
-            )
+            colour[p] += share * _film(red * exposure)
+            colour[p + 1] += share * _film(green * exposure)
+            colour[p + 2] += share * _film(blue * exposure)
 
 
 @njit(**JIT)

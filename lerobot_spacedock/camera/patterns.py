@@ -124,12 +124,12 @@ def _straps(c: Canvas) -> None:
 
 def _cells_us(c: Canvas) -> None:
     """Silicon cells of 8 cm on Kapton: 12 across a tile, pale gaps, interconnects, hinge lines."""
-    gap = c.grid(12, 12, 1.5)
+    gap = c.grid(12, 12, 0.9)
     fine = c.grid(24, 0, 0.7) * 0.4
-    corner = c.dots(12, 12, 2.6, 0.0, 0.0)
+    corner = c.dots(12, 12, 2.2, 0.0, 0.0)
     hinge = c.grid(0, 2, 3.0)
-    c.second += np.clip(gap * 0.75 + corner + hinge, 0, 1)
-    c.shade += 0.09 * c.patches(12, 12) + 0.05 * c.patches(3, 3) + 0.03 * fine
+    c.second += np.clip(gap * 0.35 + 0.9 * corner + 0.8 * hinge, 0, 1)
+    c.shade += 0.10 * c.patches(12, 12) + 0.08 * c.patches(3, 2) + 0.03 * fine
     c.height += 0.35 * c.noise(3, 3)
 
 
@@ -209,4 +209,4 @@ def make_patterns() -> np.ndarray:
             out[start : start + packed.size] = packed.ravel()
             start += packed.size
             layers = [0.25 * (a[::2, ::2] + a[1::2, ::2] + a[::2, 1::2] + a[1::2, 1::2]) for a in layers]
-    return out
+    return out.view(np.int32)  # the kernels read signed words: unsigned ones convert to float slowly

@@ -13,6 +13,9 @@ import numpy as np
 
 from lerobot_spacedock.station import MATERIALS, StationMesh
 
+from .kernels_shade import TRIANGLE_SIZE
+from .openness import corner_openness
+
 CLUSTER_TRIANGLES = 96
 SHADOW_LAYOUT = ((1.15, 1536), (7.0, 1536), (0.0, 2048))  # half width about the port m (0: all of it), texels a side
 MAX_SUNS = 4
@@ -25,7 +28,6 @@ class Scene:
     mesh: StationMesh
     corners: np.ndarray
     faces: np.ndarray
-    kind: np.ndarray
     segment: np.ndarray
     table: np.ndarray
     clusters: np.ndarray
@@ -65,7 +67,7 @@ def build_scene(mesh: StationMesh) -> Scene:
     corners = corners[order]
     normals = np.asarray(mesh.normals, np.float64)[order]
     uvs = np.asarray(mesh.uvs, np.float64)[order]
-    openness = np.asarray(mesh.openness, np.float64)[order]
+    openness = corner_openness(mesh)[order]
     e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     cross = _cross(e1, e2)
     length = np.sqrt(_dot(cross, cross))
@@ -73,8 +75,8 @@ def build_scene(mesh: StationMesh) -> Scene:
     faces = np.empty((len(corners), 5), np.float32)
     faces[:, :3] = normal
     faces[:, 3] = _dot(normal, corners[:, 0])
-    faces[:, 4] = mesh.two_sided
-    table = np.empty((len(corners), 24), np.float32)
+    faces[:, 4] = np.asarray(mesh.two_sided)[order]
+    table = np.zeros((len(corners), TRIANGLE_SIZE), np.float32)
     for place, values in ((0, normals), (12, uvs), (20, openness[..., None])):
         table[:, place : place + 4 * values.shape[2]] = _affine(corners, e1, e2, values)
     # the normal's constants come first, then its gradients row by row
@@ -82,6 +84,8 @@ def build_scene(mesh: StationMesh) -> Scene:
     table[:, 0:3] = block[:, 0::4]
     for row in range(3):
         table[:, 3 + 3 * row : 6 + 3 * row] = block[:, 4 * row + 1 : 4 * row + 4]
+    table[:, 24] = mesh.material[order]
+    table[:, 25] = np.asarray(mesh.two_sided)[order]
     starts = np.arange(0, len(corners), CLUSTER_TRIANGLES)
     clusters = np.stack([starts, np.minimum(starts + CLUSTER_TRIANGLES, len(corners))], -1).astype(np.int32)
     spheres = np.empty((len(clusters), 4), np.float32)
@@ -94,7 +98,6 @@ def build_scene(mesh: StationMesh) -> Scene:
         mesh=mesh,
         corners=np.ascontiguousarray(corners.reshape(-1, 9), np.float32),
         faces=faces,
-        kind=np.ascontiguousarray(mesh.material[order], np.uint8),
         segment=np.ascontiguousarray(mesh.segment[order], np.uint8),
         table=table,
         clusters=clusters,

@@ -30,6 +30,8 @@ class SoftwareRenderer:
         self._view = np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2], config.near_m])
         self._offsets = np.array(SAMPLE_X_4 if config.samples == 4 else (0.5,))
         self._sensor = Sensor(config) if config.sensor.active else None
+        self._pad = self._sensor.pad if self._sensor else (0, 0)
+        self._wide_view = self._view + np.array([0.0, 0.0, self._pad[1], self._pad[0], 0.0])
 
     def render(self, r_H, q_HB, sun_H, *, generator=None) -> np.ndarray:
         """See :class:`lerobot_spacedock.camera.Renderer`."""
@@ -63,12 +65,13 @@ class SoftwareRenderer:
         light, star_gain = light_array(config, r, sun)
         # the darkness of eclipse needs no maps: any that exist will do
         maps = scene.shadow_maps(sun) if config.shadows and light[3] > 0.0 else _NO_MAPS
-        linear = np.zeros((config.height, config.width, 3) if self._sensor else (0, 0, 3), np.float32)
+        height, width = config.height + 2 * self._pad[0], config.width + 2 * self._pad[1]
+        linear = np.empty((height, width, 3) if self._sensor else (0, 0, 3), np.float32)
         image = np.empty((config.height, config.width, 3), np.uint8)
         draw_frame(
-            scene.corners, scene.faces, scene.clusters, scene.spheres, scene.table, scene.kind, scene.materials,
+            scene.corners, scene.faces, scene.clusters, scene.spheres, scene.table, scene.materials,
             pattern_texels(), maps.maps, maps.start, maps.size, maps.affine, earth_texels(), star_table(), star_gain,
-            light, rot, r, self._view, config.width, config.height, BAND_ROWS, self._offsets,
+            light, rot, r, self._wide_view, width, height, BAND_ROWS, self._offsets,
             *_scratch(len(scene.corners)), linear.reshape(-1), image.reshape(-1),
         )  # fmt: skip
         return self._sensor.expose(linear, generator) if self._sensor else image
@@ -84,11 +87,10 @@ class _NoMaps:
 _NO_MAPS = _NoMaps()
 
 
-def _scratch(triangles: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _scratch(triangles: int) -> tuple[np.ndarray, np.ndarray]:
     """Room for projected triangles, one a thread, shared by the thread's renderers."""
     room = getattr(_work, "room", None)
-    if room is None or len(room[2]) < 2 * triangles:
-        n = 2 * triangles
-        room = np.empty((n, 6)), np.empty((n, 3)), np.empty(n, np.int32)
+    if room is None or len(room[0]) < 2 * triangles:
+        room = np.empty((2 * triangles, 6)), np.empty((2 * triangles, 4))
         _work.room = room
     return room

@@ -11,11 +11,16 @@ from .shapes import Patch, pose
 HARMONY_FORWARD = (0.19, -20.84, -3.34)
 
 
-def assemble(detail: str) -> tuple[Patch, np.ndarray, np.ndarray]:
-    """Every triangle in station axes, with material and segment, at level of detail ``low`` or ``high``."""
+def assemble(detail: str, port: str) -> tuple[Patch, np.ndarray, np.ndarray]:
+    """Every triangle in station axes, with material and segment.
+
+    Args:
+        detail: ``low`` or ``high``.
+        port: the port to dock at, which is built in full.
+    """
     b = Builder(high=detail == "high")
     russian.zvezda(b)
-    ports.zvezda_port(b, pose(russian.ZVEZDA_AFT, russian.AFT, russian.ZENITH))
+    ports.zvezda_port(b, pose(russian.ZVEZDA_AFT, russian.AFT, russian.ZENITH), near=port == "zvezda_aft")
     russian.zarya(b)
     russian.poisk(b)
     russian.rassvet(b)
@@ -23,7 +28,7 @@ def assemble(detail: str) -> tuple[Patch, np.ndarray, np.ndarray]:
     russian.prichal(b)
     american.nodes_and_labs(b)
     american.forward_adapter(b)
-    ports.harmony_port(b, pose(HARMONY_FORWARD, russian.FORWARD, russian.ZENITH))
+    ports.harmony_port(b, pose(HARMONY_FORWARD, russian.FORWARD, russian.ZENITH), near=port == "harmony_forward")
     american.columbus(b)
     american.kibo(b)
     american.tranquility(b)

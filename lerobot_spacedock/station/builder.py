@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .materials import MATERIAL_INDEX
-from .shapes import Patch, box, cylinder, disc, join, place, pose, revolve, shift, sphere, strut, torus, tube, turn
+from .shapes import Patch, box, cylinder, disc, join, place, pose, revolve, strut, torus, tube, turn
 
 SEGMENTS = (
     "sky", "zvezda", "zvezda_port", "zarya", "poisk", "nauka", "prichal", "rassvet", "unity", "destiny", "harmony",
@@ -39,7 +39,7 @@ class Builder:
 
     def sides(self, radius: float) -> int:
         """Facets for a round part of this radius, m."""
-        steps = ((1.2, 32, 60), (0.7, 24, 48), (0.3, 14, 28), (0.12, 8, 16), (0.04, 6, 10), (0.0, 4, 6))
+        steps = ((1.2, 26, 56), (0.7, 16, 36), (0.3, 10, 22), (0.12, 6, 12), (0.04, 5, 8), (0.0, 4, 6))
         for limit, low, high in steps:
             if radius >= limit:
                 return high if self.high else low
@@ -63,25 +63,19 @@ class Builder:
         radius = max(r for r, _ in profile)
         self.add(revolve(profile, self.sides(radius), **kw), material, at)
 
-    def handrail(self, at: np.ndarray, length: float, material: str = "handrail") -> None:
-        """A rail along local x, 9 cm off the surface, on posts."""
+    def handrail(self, at: np.ndarray, length: float, *, fine: bool = False) -> None:
+        """A rail along local x, 9 cm off the surface, on posts (left out where they are too small to see)."""
         half, high = 0.5 * length, 0.09
-        if self.high:
-            self.add(
-                tube([(-half, 0, 0), (-half, 0, high), (half, 0, high), (half, 0, 0)], 0.018, 5, False), material, at
-            )
-            if length > 1.0:
-                self.add(strut((0, 0, 0), (0, 0, high), 0.018, 4), material, at)
+        bar = [(-half, 0, high), (half, 0, high)]
+        if self.high or fine:
+            self.add(tube([(-half, 0, 0), *bar, (half, 0, 0)], 0.018, 4, False), "handrail", at)
         else:
-            self.add(
-                tube([(-half, 0, 0), (-half, 0, high), (half, 0, high), (half, 0, 0)], 0.02, 3, False), material, at
-            )
+            self.add(tube(bar, 0.022, 3, False), "handrail", at)
 
     def grapple(self, at: np.ndarray) -> None:
         """A flight-releasable grapple fixture: round base, three cams, shaft and target."""
         self.add(revolve([(0.30, 0), (0.30, 0.06), (0.24, 0.09), (0, 0.09)], self.sides(0.35)), "anodised", at)
-        self.add(cylinder(0.025, 0.09, 0.32, 6), "aluminium", at)
-        self.add(sphere(0.045, 6), "aluminium", at, shift(z=0.33))
+        self.add(tube([(0, 0, 0.09), (0, 0, 0.30), (0, 0, 0.34)], (0.025, 0.025, 0.05), 6), "aluminium", at)
         for k in range(3):
             a = turn(2 * np.pi * k / 3)
             self.add(box((0.16, 0.06, 0.07), (0.2, 0, 0.12)), "dark_metal", at, a)
@@ -98,7 +92,11 @@ class Builder:
 
     def ring(self, at: np.ndarray, radius: float, minor: float, material: str, z: float = 0.0) -> None:
         """A round bar about local z."""
-        self.add(torus(radius, minor, self.sides(radius), self.pick(4, 6), z), material, at)
+        if minor > 0.05 or self.high:
+            self.add(torus(radius, minor, self.sides(radius), 4, z), material, at)
+        else:
+            rows = [(radius - minor, z - minor), (radius + minor, z), (radius - minor, z + minor)]
+            self.add(revolve(rows, self.sides(radius)), material, at)
 
     def dish(self, at: np.ndarray, radius: float, material: str = "white_paint") -> None:
         """A dish antenna that looks along local z, on a short stem."""

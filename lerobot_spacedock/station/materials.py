@@ -48,8 +48,8 @@ class Material:
 
 
 MATERIALS = (
-    Material("white_shield", (0.66, 0.66, 0.645), rough=0.5, pattern="whipple", tile_m=2.2),
-    Material("beta_cloth", (0.74, 0.735, 0.71), rough=0.75, pattern="blanket", tile_m=1.1, bump=1.5),
+    Material("white_shield", (0.56, 0.56, 0.545), rough=0.5, pattern="whipple", tile_m=2.2, tint=1.5, bump=1.3),
+    Material("beta_cloth", (0.62, 0.61, 0.58), rough=0.75, pattern="blanket", tile_m=1.1, bump=1.7, tint=1.3),
     Material(
         "russian_mli", (0.40, 0.405, 0.36), (0.55, 0.54, 0.48), rough=0.65, pattern="straps", tile_m=1.3, bump=1.6
     ),
@@ -81,17 +81,18 @@ MATERIALS = (
     Material("anodised", (0.46, 0.46, 0.45), rough=0.5, metal=0.4, pattern="machined", tile_m=0.6),
     Material("dark_metal", (0.075, 0.075, 0.08), rough=0.45, f0=0.05, metal=0.2, pattern="machined", tile_m=0.5),
     Material("black", (0.012, 0.012, 0.013), rough=0.7, tile_m=0.5),
-    Material("white_paint", (0.78, 0.78, 0.77), rough=0.5, tile_m=0.8),
+    Material("white_paint", (0.66, 0.66, 0.65), rough=0.5, tile_m=0.8),
     Material("handrail", (0.72, 0.50, 0.13), rough=0.45, metal=0.25, tile_m=0.3),
     Material(
         "cells_us",
-        (0.022, 0.028, 0.075),
-        (0.42, 0.25, 0.10),
+        (0.013, 0.019, 0.050),
+        (0.30, 0.17, 0.065),
         rough=0.18,
         f0=0.06,
         pattern="cells_us",
         tile_m=0.96,
         bump=0.5,
+        tint=1.4,
     ),
     Material(
         "cells_ru",
@@ -104,9 +105,9 @@ MATERIALS = (
         bump=0.5,
     ),
     Material(
-        "kapton_back", (0.56, 0.36, 0.14), (0.30, 0.18, 0.07), rough=0.4, f0=0.06, pattern="kapton_back", tile_m=0.96
+        "kapton_back", (0.40, 0.225, 0.075), (0.20, 0.11, 0.04), rough=0.4, f0=0.06, pattern="kapton_back", tile_m=0.96
     ),
-    Material("radiator", (0.80, 0.80, 0.785), rough=0.35, pattern="radiator", tile_m=1.1, bump=0.8),
+    Material("radiator", (0.70, 0.70, 0.69), rough=0.35, pattern="radiator", tile_m=1.1, bump=0.8),
     Material("window", (0.015, 0.02, 0.025), rough=0.06, f0=0.09, tile_m=0.0),
     Material("red", (0.42, 0.03, 0.025), rough=0.6, tile_m=0.5),
     Material("blue", (0.03, 0.06, 0.24), rough=0.6, tile_m=0.5),

@@ -39,7 +39,6 @@ class StationMesh:
         uvs: m, (F, 3, 2) float64.
         material: (F,) uint8, index into MATERIALS.
         segment: (F,) uint8, index into SEGMENTS.
-        openness: (F, 3) float64, 0 (enclosed) to 1 (free), at the corners.
         two_sided: (F,) bool.
     """
 
@@ -48,7 +47,6 @@ class StationMesh:
     uvs: np.ndarray
     material: np.ndarray
     segment: np.ndarray
-    openness: np.ndarray
     two_sided: np.ndarray
 
     def __len__(self) -> int:
@@ -59,7 +57,7 @@ def station_for_port(port: str, detail: str) -> StationMesh:
     """The built-in station with ``port`` at the origin, at level of detail ``low`` or ``high``."""
     folder = Path(__file__).parent
     sources = tuple(str(p) for p in sorted(folder.glob("*.py")))
-    stored = cached_arrays(f"station-{detail}", sources, lambda: _build(detail))
+    stored = cached_arrays(f"station-{port}-{detail}", sources, lambda: _build(detail, port))
     corners = (stored["corners"].astype(np.float64) - PORT_ORIGIN_S[port]) @ HILL_FROM_STATION.T
     return StationMesh(
         corners=np.round(corners / GRID_m) * GRID_m,
@@ -67,25 +65,21 @@ def station_for_port(port: str, detail: str) -> StationMesh:
         uvs=stored["uvs"].astype(np.float64),
         material=stored["material"],
         segment=stored["segment"],
-        openness=stored["openness"].astype(np.float64) / 255.0,
         two_sided=np.zeros(len(corners), bool),
     )
 
 
-def _build(detail: str) -> dict[str, np.ndarray]:
+def _build(detail: str, port: str) -> dict[str, np.ndarray]:
     from .assembly import assemble
-    from .occlusion import openness
 
-    patch, material, segment = assemble(detail)
+    patch, material, segment = assemble(detail, port)
     corners = np.round(patch.corners / GRID_m) * GRID_m
-    normals = np.round(patch.normals, 5)
     return {
         "corners": corners,
-        "normals": normals.astype(np.float32),
+        "normals": np.round(patch.normals, 5).astype(np.float32),
         "uvs": np.round(patch.uvs, 5).astype(np.float32),
         "material": material,
         "segment": segment,
-        "openness": openness(corners, normals),
     }
 
 
@@ -132,7 +126,6 @@ def load_station(path: str | Path, station_pose: np.ndarray | None = None) -> St
         uvs=np.zeros((f, 3, 2)),
         material=np.full(f, MATERIAL_INDEX["user"], np.uint8),
         segment=np.full(f, SEGMENT_INDEX["user"], np.uint8),
-        openness=np.ones((f, 3)),
         two_sided=np.ones(f, bool),
     )
 

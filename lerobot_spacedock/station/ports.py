@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from .builder import Builder, around
-from .shapes import box, cylinder, disc, revolve, shift, strut, tube, turn
+from .shapes import box, cylinder, disc, peg, revolve, shift, strut, tube, turn
 
 TARGET_DEPTH_m = 0.40  # the target plate's distance inside the docking plane
 
@@ -24,7 +24,7 @@ def target_cross(b: Builder, at: np.ndarray, plate: float, stand_off: float, *, 
         light_on_dark: white marks on black, else black on white.
     """
     ink, paper = ("target_white", "target_black") if light_on_dark else ("target_black", "target_white")
-    n = b.sides(0.8)
+    n = b.pick(28, 48)
     b.add(disc(0.0, plate, 0.0, n), paper, at)
     b.add(revolve([(plate, -0.015), (plate, 0.0)], n), "dark_metal", at)
     b.add(disc(0.80 * plate, 0.88 * plate, 0.0012, n), ink, at)
@@ -43,10 +43,10 @@ def target_cross(b: Builder, at: np.ndarray, plate: float, stand_off: float, *, 
         b.add(box((0.2 * arm, thick * 1.02, 0.0062), (0.9 * arm, 0, stand_off)), "red", at, turn(np.pi / 2 * k))
 
 
-def zvezda_port(b: Builder, at: np.ndarray) -> None:
-    """Passive probe-and-drogue port: flange with hooks, drogue cone, its socket with the target."""
+def zvezda_port(b: Builder, at: np.ndarray, *, near: bool) -> None:
+    """Passive probe-and-drogue port: flange with hooks, drogue cone, its socket with the target; see harmony_port."""
     b.segment = "zvezda_port"
-    n = b.sides(0.8)
+    n = b.pick(40, 72) if near else 16
     # outer skirt, docking flange with seal grooves, then the throat
     b.add(
         revolve([(0.86, -0.46), (0.80, -0.32), (0.775, -0.20), (0.775, -0.03), (0.745, -0.006)], n), "russian_white", at
@@ -60,6 +60,9 @@ def zvezda_port(b: Builder, at: np.ndarray) -> None:
         "machined_ring", at,
     )  # fmt: skip
     b.add(revolve([(0.545, -0.001), (0.52, -0.03), (0.475, -0.05), (0.43, -0.055), (0.41, -0.075)], n), "anodised", at)
+    if not near:
+        b.add(revolve([(0.41, -0.075), (0.165, -0.345), (0.0, -0.36)], n), "drogue", at)
+        return
     # dark rubber seals
     for r in (0.5925, 0.645):
         b.add(disc(r - 0.0075, r + 0.0065, -0.0075, n), "black", at)
@@ -71,7 +74,7 @@ def zvezda_port(b: Builder, at: np.ndarray) -> None:
         b.add(box((0.05, 0.15, 0.05), (0.80, 0, -0.10)), "dark_metal", at, a)
     for k in range(24):
         a = turn(2 * np.pi * (k + 0.5) / 24)
-        b.add(cylinder(0.009, -0.008, 0.006, 6), "dark_metal", at, a, shift(x=0.724))
+        b.add(peg(0.009, -0.008, 0.006, 6), "dark_metal", at, a, shift(x=0.724))
     for a in (0.25 * np.pi + 0.2, 1.25 * np.pi + 0.2):
         b.add(disc(0.0, 0.026, 0.0012, 12), "black", at, turn(a), shift(x=0.6775))
         b.add(disc(0.026, 0.034, 0.0014, 12), "copper", at, turn(a), shift(x=0.6775))
@@ -79,7 +82,7 @@ def zvezda_port(b: Builder, at: np.ndarray) -> None:
         b.add(box((0.06, 0.075, 0.012), (0.51, 0, -0.018)), "anodised", at, turn(a + 0.39))
         for i in range(b.pick(2, 6)):
             b.add(
-                cylinder(0.005, -0.012, -0.006, 5),
+                peg(0.005, -0.012, -0.006, 5),
                 "copper",
                 at,
                 turn(a + 0.39),
@@ -97,7 +100,7 @@ def zvezda_port(b: Builder, at: np.ndarray) -> None:
     )
     for k in range(b.pick(16, 32)):
         a = turn(2 * np.pi * (k + 0.5) / b.pick(16, 32))
-        b.add(cylinder(0.007, -0.08, -0.069, 6), "dark_metal", at, a, shift(x=0.402))
+        b.add(peg(0.007, -0.08, -0.069, 6), "dark_metal", at, a, shift(x=0.402))
     for k in range(4):  # alignment stripes painted on the cone
         a = turn(np.pi / 2 * k)
         slope = np.arctan2(0.14, 0.115)
@@ -112,10 +115,16 @@ def zvezda_port(b: Builder, at: np.ndarray) -> None:
     target_cross(b, at @ shift(z=-TARGET_DEPTH_m), 0.150, 0.075, light_on_dark=True)
 
 
-def harmony_port(b: Builder, at: np.ndarray) -> None:
-    """International Docking Adapter: ring, three petals that lean inwards, hatch with the stand-off cross, targets."""
+def harmony_port(b: Builder, at: np.ndarray, *, near: bool) -> None:
+    """International Docking Adapter: ring, three petals that lean inwards, hatch with the stand-off cross, targets.
+
+    Args:
+        b: the station.
+        at: pose of the docking plane.
+        near: whether this is the port to dock at; the other is seen from 50 m at best and keeps its large parts only.
+    """
     b.segment = "harmony_port"
-    n = b.sides(0.8)
+    n = b.pick(40, 72) if near else 16
     body = 0.80
     # box-like adapter behind the ring: skirt and shield panels
     b.add(
@@ -131,6 +140,9 @@ def harmony_port(b: Builder, at: np.ndarray) -> None:
         ),
         "machined_ring", at,
     )  # fmt: skip
+    if not near:
+        b.add(revolve([(0.585, -0.02), (0.41, -0.15), (0.41, -0.5), (0.0, -0.5)], n), "anodised", at)
+        return
     for r in (0.669, 0.623):
         b.add(disc(r - 0.007, r + 0.007, -0.0065, n), "black", at)
     # soft-capture interface ring with three petals, mechanical latch strikers between them
@@ -149,7 +161,7 @@ def harmony_port(b: Builder, at: np.ndarray) -> None:
                     r * np.array([np.cos(angle), np.sin(angle), 0]) + [0, 0, height],
                 )
 
-            steps = b.pick(2, 5)
+            steps = b.pick(2, 4)
             for i in range(steps):
                 g0, g1 = f0 + (f1 - f0) * i / steps, f0 + (f1 - f0) * (i + 1) / steps
                 for inner in (False, True):
@@ -168,7 +180,7 @@ def harmony_port(b: Builder, at: np.ndarray) -> None:
         b.add(box((0.030, 0.085, 0.004), (0.698, 0, 0.0008)), "black", at, a)
         b.add(box((0.016, 0.040, 0.014), (0.695, 0, 0.004)), "aluminium", at, a)
     for k in range(24):
-        b.add(cylinder(0.008, -0.016, 0.0, 6), "dark_metal", at, turn(2 * np.pi * (k + 0.5) / 24), shift(x=0.742))
+        b.add(peg(0.008, -0.016, 0.0, 6), "dark_metal", at, turn(2 * np.pi * (k + 0.5) / 24), shift(x=0.742))
     b.add(
         revolve([(0.028, 0.0), (0.026, 0.03), (0.012, 0.06), (0.0, 0.065)], 10),
         "machined_ring",
@@ -196,7 +208,7 @@ def harmony_port(b: Builder, at: np.ndarray) -> None:
         at,
     )
     for k in range(b.pick(12, 24)):
-        b.add(cylinder(0.007, -0.14, -0.115, 6), "dark_metal", at, turn(2 * np.pi * k / b.pick(12, 24)), shift(x=0.475))
+        b.add(peg(0.007, -0.14, -0.115, 6), "dark_metal", at, turn(2 * np.pi * k / b.pick(12, 24)), shift(x=0.475))
     for k in range(2):
         b.add(
             tube([(0.385, -0.12, -0.22), (0.385, 0.12, -0.22)], 0.012, 6), "handrail", at, turn(np.pi * k + np.pi / 2)
@@ -209,7 +221,7 @@ def harmony_port(b: Builder, at: np.ndarray) -> None:
     for k in range(8):
         b.add(box((0.115, 0.018, 0.014), (0.31, 0, 0.006)), "anodised", hatch, turn(np.pi / 8 + np.pi / 4 * k))
     for k in range(16):
-        b.add(cylinder(0.006, 0.0, 0.03, 5), "dark_metal", hatch, turn(2 * np.pi * (k + 0.5) / 16), shift(x=0.388))
+        b.add(peg(0.006, 0.0, 0.03, 5), "dark_metal", hatch, turn(2 * np.pi * (k + 0.5) / 16), shift(x=0.388))
     b.add(box((0.03, 0.14, 0.03), (-0.31, 0, 0.02)), "red", hatch, turn(0.6))
     b.add(cylinder(0.04, 0, 0.02, 10), "black", hatch, turn(2.4), shift(x=0.3))
     b.add(cylinder(0.155, 0.0, 0.085, n, caps=False), "anodised", hatch)
@@ -222,7 +234,7 @@ def harmony_port(b: Builder, at: np.ndarray) -> None:
     for k in range(2):
         b.add(box((0.22, 0.02, 0.008), (0, 0, 0.018)), "target_white", out, turn(np.pi / 2 * k))
         b.add(box((0.11, 0.018, 0.008), (0, 0, 0.13)), "target_white", out, turn(np.pi / 2 * k))
-    b.add(cylinder(0.008, 0.0, 0.13, 6), "anodised", out)
+    b.add(peg(0.008, 0.0, 0.13, 6), "anodised", out)
     for k in range(9):
         angle = 2 * np.pi * (k + 0.6) / 9
         spot = at @ turn(angle) @ shift(x=0.90, z=-0.40)

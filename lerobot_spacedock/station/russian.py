@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .builder import Builder, around, on_barrel
-from .shapes import box, cylinder, pose, sheet, shift, sphere, strut, tube, turn
+from .shapes import box, cylinder, disc, pose, sheet, shift, sphere, strut, tube, turn
 
 ZVEZDA_AFT = (0.23, 32.55, -1.87)
 X0, Z0 = 0.23, -1.87
@@ -25,11 +25,11 @@ def solar_panel(b: Builder, at: np.ndarray, length: float, width: float, strips:
         b.add(front, cells, at)
         back = sheet((-0.02, w, z0), (-0.02, -w, z0), (-0.02, -w, z1), (-0.02, w, z1), both=False)
         b.add(back, "anodised", at)
-        if b.high or k % 2 == 0:
+        if b.high:
             b.add(strut((-0.03, -w, z0), (-0.03, w, z1), 0.015, 3), "aluminium", at)
     for y in (-0.5 * width, 0.5 * width):
-        b.add(strut((0, y, 0), (0, y, length), 0.03, 4), "anodised", at)
-    for k in range(0, strips + 1, 2 if not b.high else 1):
+        b.add(strut((0, y, 0), (0, y, length), 0.03, 3), "anodised", at)
+    for k in range(0, strips + 1, b.pick(strips, 1)):
         b.add(strut((-0.01, -0.5 * width, k * step), (-0.01, 0.5 * width, k * step), 0.025, 4), "anodised", at)
     b.add(strut((0, 0, -1.2), (-0.06, 0, length), 0.06, 5), "anodised", at)
 
@@ -103,8 +103,8 @@ def zvezda(b: Builder) -> None:
     for k in range(b.pick(14, 26)):
         a = 2 * np.pi * k / b.pick(14, 26) + 0.1
         t = f @ turn(a) @ shift(x=0.95 + 0.06 * (k % 2), z=-0.56)
-        b.add(cylinder(0.035, -0.06, 0.0, 8), "anodised", t)
-        b.add(cylinder(0.027, 0.0, 0.004, 8), "reflector", t)
+        b.add(cylinder(0.035, -0.06, 0.0, 6, caps=False), "anodised", t)
+        b.add(disc(0.0, 0.034, 0.0, 6), "reflector", t)
     # the visual target of Soyuz and Progress, off to one side
     from .ports import target_cross
 
@@ -112,7 +112,7 @@ def zvezda(b: Builder) -> None:
     b.add(strut((0, 0, -0.3), (0, 0, 0), 0.03, 5), "anodised", side_target)
     target_cross(b, side_target, 0.14, 0.20, light_on_dark=False)
     for k in range(8):
-        b.handrail(f @ turn(np.pi / 8 + np.pi / 4 * k) @ pose((1.40, 0, -0.58), (0, 0, 1), (0, 1, 0)), 0.75)
+        b.handrail(f @ turn(np.pi / 8 + np.pi / 4 * k) @ pose((1.40, 0, -0.58), (0, 0, 1), (0, 1, 0)), 0.75, fine=True)
     rails_around(b, f, 2.09, (-1.2, -2.1), np.arange(8) * np.pi / 4 + 0.2)
     rails_around(b, f, 2.06, (-3.2, -4.6, -6.0), np.arange(7) * 2 * np.pi / 7)
     rails_along(b, f, 2.06, (-3.9, -5.4), (0.4, 1.3, 2.2, 3.4, 4.3, 5.3), 1.3)
@@ -145,7 +145,7 @@ def zvezda(b: Builder) -> None:
 def _nozzle(radius: float, length: float, b: Builder):
     from .shapes import join, revolve
 
-    n = 6 if not b.high else 10
+    n = b.pick(5, 10)
     return join(
         revolve([(0.4 * radius, 0), (0.75 * radius, 0.5 * length), (radius, length)], n),
         revolve([(0.97 * radius, length), (0.4 * radius, 0.1 * length), (0, 0.05 * length)], n),
@@ -262,6 +262,7 @@ def prichal(b: Builder) -> None:
     b.round([(0.75, -1.9), (0.75, -1.3)], "anodised", f)
     for axis in ((0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)):
         p = f @ pose(np.array(axis) * 1.45, axis)
-        b.round([(0.78, 0.0), (0.75, 0.28), (0.62, 0.30), (0.45, 0.20), (0.0, 0.12)], "anodised", p)
+        rows = [(0.78, 0.0), (0.75, 0.28), (0.62, 0.30), (0.45, 0.20), (0.0, 0.12)]
+        b.round(b.pick([rows[0], rows[1], rows[4]], rows), "anodised", p)
     for k in range(6):
         b.handrail(f @ turn(k * np.pi / 3) @ pose((1.2, 0, 1.15), (1, 0, 1), (0, 1, 0)), 0.7)

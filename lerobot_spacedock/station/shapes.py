@@ -143,6 +143,11 @@ def cylinder(radius: float, z0: float, z1: float, sides: int, caps: bool = True)
     return revolve([(radius, z0), (radius, z1)], sides)
 
 
+def peg(radius: float, z0: float, z1: float, sides: int) -> Patch:
+    """Cylinder that stands on a surface: no lower cap."""
+    return revolve([(radius, z0), (radius, z1), (0, z1)], sides)
+
+
 def disc(inner: float, outer: float, z: float, sides: int) -> Patch:
     """Annulus at height z that faces +z, with texture coordinates (x, y) about its centre."""
     patch = revolve([(outer, z), (inner, z)], sides)
@@ -229,8 +234,8 @@ def tube(path, radius, sides: int = 6, caps: bool = True) -> Patch:
 
 
 def strut(a, b, radius: float, sides: int = 4) -> Patch:
-    """Straight tube between two points."""
-    return tube([a, b], radius, sides)
+    """Straight open tube between two points."""
+    return tube([a, b], radius, sides, caps=False)
 
 
 def sheet(p00, p10, p11, p01, *, both: bool = True, cells: tuple[int, int] = (1, 1)) -> Patch:
@@ -244,10 +249,10 @@ def sheet(p00, p10, p11, p01, *, both: bool = True, cells: tuple[int, int] = (1,
     )
     uv = np.stack([ss * np.linalg.norm(p10 - p00), tt * np.linalg.norm(p01 - p00)], -1)
     grid = lambda a: np.stack([a[:-1, :-1], a[1:, :-1], a[1:, 1:], a[:-1, 1:]], 2).reshape(-1, 4, a.shape[-1])  # noqa: E731
-    n = np.cross(p10 - p00, p01 - p00)
-    n = n / np.linalg.norm(n)
+    n = np.cross(p11 - p00, p01 - p10)
+    n = n / np.maximum(np.linalg.norm(n), 1e-12)
     p, uv = grid(point), grid(uv)
-    front = quads(p, np.broadcast_to(n, p.shape).copy(), uv)
+    front = drop_degenerate(quads(p, np.broadcast_to(n, p.shape).copy(), uv))
     if not both:
         return front
     back = Patch(front.corners[:, ::-1].copy(), -front.normals, front.uvs[:, ::-1].copy())

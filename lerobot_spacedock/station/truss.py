@@ -26,10 +26,12 @@ def truss(b: Builder) -> None:
                 continue
             ring0 = np.array([(x0, Y0 + slim * y, Z0 + slim * z) for y, z in SECTION])
             ring1 = np.array([(x1, Y0 + slim * y, Z0 + slim * z) for y, z in SECTION])
-            n = b.pick(3, 5)
+            n = b.pick(3, 4)
             for i in range(6):
                 j = (i + 1) % 6
                 b.add(strut(ring0[i], ring1[i], 0.075, n), "aluminium")
+                if not b.high and (i + k) % 3 == 0:
+                    continue
                 b.add(strut(ring0[i], ring0[j], 0.06, n), "aluminium")
                 if (i + k) % 2:
                     b.add(strut(ring0[i], ring1[j], 0.045, 3), "anodised")
@@ -39,7 +41,7 @@ def truss(b: Builder) -> None:
             mid = 0.5 * (x0 + x1)
             wide = 0.72 * abs(x1 - x0)
             b.add(box((wide, 1.5 * slim, 1.7 * slim), (mid, Y0, Z0 - 0.2), 0.1), kinds[(k + (sign > 0)) % 2 * 2])
-            for _ in range(b.pick(3, 7)):
+            for _ in range(b.pick(2, 6)):
                 face = int(b.rng.integers(6))
                 c = 0.5 * (SECTION[face] + SECTION[(face + 1) % 6]) * slim * 1.04
                 at = (mid + (b.rng.random() - 0.5) * wide * 0.7, Y0 + c[0], Z0 + c[1])
@@ -109,7 +111,7 @@ def _wing(b: Builder, at: np.ndarray, roll_out: bool) -> None:
     length, inner, outer = 33.6, 0.75, 5.8
     b.add(strut((0, 0, -1.9), (0, 0, 0.5), 0.35, 8), "aluminium", at)
     b.add(box((0.8, 1.3, 1.3), (0, 0, 0.1), 0.08), "beta_cloth", at)
-    strips = b.pick(14, 42)
+    strips = b.pick(10, 36)
     for side in (-1.0, 1.0):
         b.add(box((0.22, 4.9, 0.45), (0, side * 3.3, 0.75)), "anodised", at)
         b.add(box((0.16, 4.9, 0.30), (0, side * 3.3, 1.0 + length)), "anodised", at)
@@ -131,7 +133,7 @@ def _wing(b: Builder, at: np.ndarray, roll_out: bool) -> None:
                 at,
             )
     # mast: a square lattice of longerons, battens and diagonals
-    r, bays, n = 0.38, b.pick(12, 30), 3
+    r, bays, n = 0.38, b.pick(8, 26), 3
     posts = np.array([(r, r), (-r, r), (-r, -r), (r, -r)])
     for i in range(4):
         j = (i + 1) % 4
@@ -143,8 +145,8 @@ def _wing(b: Builder, at: np.ndarray, roll_out: bool) -> None:
         tilt = at @ shift(x=0.7, z=1.2) @ turn(-np.radians(10.0), 1)
         for side in (-1.0, 1.0):
             low, high = sorted((side * 0.35, side * 3.1))
-            for s in range(b.pick(5, 14)):
-                m = b.pick(5, 14)
+            for s in range(b.pick(4, 12)):
+                m = b.pick(4, 12)
                 z0, z1 = 18.6 * s / m, 18.6 * (s + 1) / m - 0.02
                 b.add(sheet((0, low, z0), (0, high, z0), (0, high, z1), (0, low, z1), both=False), "cells_us", tilt)
                 b.add(
@@ -191,8 +193,8 @@ def _panel(b: Builder, at: np.ndarray, length: float, width: float, leaves: int)
             "radiator",
             at,
         )
-        b.add(strut((0.02, -w, z1 + 0.04), (0.02, w, z1 + 0.04), 0.035, 4), "anodised", at)
-    for y in (-0.3 * width, 0.3 * width):
+        b.add(strut((0.02, -w, z1 + 0.04), (0.02, w, z1 + 0.04), 0.035, 3), "anodised", at)
+    for y in (-0.3 * width, 0.3 * width) if b.high else ():
         b.add(
             tube([(-0.25 if k % 2 else 0.0, y, k * step) for k in range(leaves + 1)], 0.035, 3, False), "anodised", at
         )
