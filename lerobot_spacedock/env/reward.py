@@ -38,8 +38,10 @@ _SCALARS = (
     "closing_scale_m_s",
     "drift",
     "drift_scale_m_s",
+    "drift_scale_per_m",
     "lateral",
     "lateral_scale_m",
+    "lateral_scale_per_m",
     "attitude",
     "attitude_scale_deg",
     "rate",
@@ -49,10 +51,10 @@ _SCALARS = (
 )
 # where each stands in the packed weights; the speed table follows
 (
-    LATERAL_TIME, ATTITUDE_TIME, ALIVE, CLOSING, CLOSING_SCALE, DRIFT, DRIFT_SCALE, LATERAL, LATERAL_SCALE,
-    ATTITUDE, ATTITUDE_SCALE, RATE, RATE_SCALE, SMOOTHNESS, SCALE,
-) = range(15)  # fmt: skip
-TABLE = 15
+    LATERAL_TIME, ATTITUDE_TIME, ALIVE, CLOSING, CLOSING_SCALE, DRIFT, DRIFT_SCALE, DRIFT_GROWTH, LATERAL,
+    LATERAL_SCALE, LATERAL_GROWTH, ATTITUDE, ATTITUDE_SCALE, RATE, RATE_SCALE, SMOOTHNESS, SCALE,
+) = range(17)  # fmt: skip
+TABLE = 17
 TABLE_SPACING_m = 0.05
 TABLE_SIZE = 801  # to 40 m; farther out the last value holds
 
@@ -106,7 +108,9 @@ def step_terms(axial_sign, r, v, error, omega, action, previous, first, weights,
         weights: ``packed_weights``.
     """
     w = weights
-    closing_error = -axial_sign * v[1] - wanted_closing_speed(axial_sign * r[1], w)
+    axial = axial_sign * r[1]
+    to_go = max(axial, 0.0)
+    closing_error = -axial_sign * v[1] - wanted_closing_speed(axial, w)
     drift_error = math.hypot(v[0] + r[0] / w[LATERAL_TIME], v[2] + r[2] / w[LATERAL_TIME])
 
     sign = 1.0 if error[0] >= 0.0 else -1.0
@@ -125,11 +129,12 @@ def step_terms(axial_sign, r, v, error, omega, action, previous, first, weights,
         for j in range(6):
             change += (action[j] - previous[j]) ** 2
 
+    lateral = math.hypot(r[0], r[2])
     scale = w[SCALE]
     terms[i, 0] = scale * w[ALIVE]
     terms[i, 1] = -scale * w[CLOSING] * log_well(closing_error, w[CLOSING_SCALE])
-    terms[i, 2] = -scale * w[DRIFT] * log_well(drift_error, w[DRIFT_SCALE])
-    terms[i, 3] = -scale * w[LATERAL] * log_well(math.hypot(r[0], r[2]), w[LATERAL_SCALE])
+    terms[i, 2] = -scale * w[DRIFT] * log_well(drift_error, w[DRIFT_SCALE] + w[DRIFT_GROWTH] * to_go)
+    terms[i, 3] = -scale * w[LATERAL] * log_well(lateral, w[LATERAL_SCALE] + w[LATERAL_GROWTH] * to_go)
     terms[i, 4] = -scale * w[ATTITUDE] * log_well(to_deg * angle, w[ATTITUDE_SCALE])
     terms[i, 5] = -scale * w[RATE] * log_well(rate_error, w[RATE_SCALE])
     terms[i, 6] = -scale * w[SMOOTHNESS] * math.sqrt(change)

@@ -36,7 +36,7 @@ class NetworkConfig:
     hidden_sizes: tuple[int, ...] = (64,)
     thrust_scale_N: float = 40.0
     torque_scale_Nm: float = 1.5
-    thrust_limit_N: float = 38.0
+    thrust_limit_N: float = 40.0
     torque_limit_Nm: float = 20.0
 
     def __post_init__(self) -> None:

@@ -57,7 +57,7 @@ class ActorConfig:
     # N·m per unit of output
     torque_scale_Nm: float = 1.5
     # N, the policy's own limit of each thrust component; the gentlest that is strong enough makes the smoothest flight
-    thrust_limit_N: float = 38.0
+    thrust_limit_N: float = 40.0
     # N·m, the same for torque
     torque_limit_Nm: float = 20.0
     # standard deviation of the first actions, in units of output

@@ -107,7 +107,7 @@ def test_the_two_ports_are_one_problem_seen_from_two_sides():
     # HCW has no forward and no aft: the same start, turned about the orbit normal, gets the same command, turned
     rng = np.random.default_rng(3)
     observation = np.concatenate(
-        [rng.normal(size=(5, 3)) + [0, -20, 0], 0.1 * rng.normal(size=(5, 3)), np.zeros((5, 4)), np.ones((5, 3))],
+        [rng.normal((0, -20, 0), 1.0, (5, 3)), 0.1 * rng.normal(size=(5, 3)), np.zeros((5, 4)), np.ones((5, 3))],
         axis=1,
     )
     observation[:, 6:10] = ZVEZDA_AFT.q_nominal

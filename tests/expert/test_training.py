@@ -104,7 +104,7 @@ def test_the_last_action_is_what_flew_not_what_was_wanted(parts):
     assert (tasks.reset(0)["actor"][:, 15:] == 0.0).all()
     observations, _ = tasks.step(torch.full((config.num_envs, 6), 100.0))
     scale = torch.tensor([40.0] * 3 + [1.5] * 3)
-    limits = torch.tensor([38.0] * 3 + [20.0] * 3)
+    limits = torch.tensor([40.0] * 3 + [20.0] * 3)
     torch.testing.assert_close(observations["actor"][0, 15:], limits / scale)
 
 
