@@ -27,6 +27,7 @@ TIMELINE = "flight_time"
 CHASER_EDGE_m = 2.0
 ARROW_m = 4.0  # length of a command at its limit
 PATH_COLOUR, THRUST_COLOUR, TORQUE_COLOUR = (0, 114, 178), (213, 94, 0), (0, 158, 115)
+AXIS_COLOURS = ((86, 180, 233), (213, 94, 0), (0, 158, 115))
 CONTACT_PLOTS = {
     "closing_speed_m_s": "closing rate (m/s)",
     "lateral_m": "lateral miss (m)",
@@ -189,16 +190,17 @@ def _log_plots(rr, recording, log: EpisodeLog, state: np.ndarray) -> None:
     groups |= {"pitch_yaw_rate_deg_s": "rates", "roll_rate_deg_s": "rates"}
     for key, label in CONTACT_PLOTS.items():
         group = groups.get(key, key)
-        series(f"plots/{group}/{key}", log.time, contact[key], label)
+        colour = AXIS_COLOURS[1] if "roll" in key else AXIS_COLOURS[0]
+        series(f"plots/{group}/{key}", log.time, contact[key], label, colour)
         limits = (least, most) if key == "closing_speed_m_s" else (getattr(IDSS, key),)
         for i, limit in enumerate(limits):
             series(f"plots/{group}/limit_{i}", ends, np.full(2, limit), "IDSS limit", (227, 179, 65))
     for i, name in enumerate(ACTION_NAMES):
         group = "thrust" if i < 3 else "torque"
-        series(f"plots/{group}/{name}", log.time[:-1], log.action[:, i], name)
+        series(f"plots/{group}/{name}", log.time[:-1], log.action[:, i], name, AXIS_COLOURS[i % 3])
     for label, box in BOXES.items():
         inside = np.logical_and.reduce(list(box_conditions(contact, box).values()))
-        series(f"plots/box/{label}", log.time, inside.astype(float), label.upper())
+        series(f"plots/box/{label}", log.time, inside.astype(float), label.upper(), AXIS_COLOURS[label == "atv"])
 
 
 def _log_frames(rr, recording, log: EpisodeLog, frames: Iterable[np.ndarray], vfov_deg: float) -> None:
@@ -206,7 +208,7 @@ def _log_frames(rr, recording, log: EpisodeLog, frames: Iterable[np.ndarray], vf
     for time, frame in zip(log.time, frames, strict=False):
         if first:
             height, width = frame.shape[:2]
-            focal = 0.5 * height / np.tan(0.5 * np.radians(vfov_deg))
+            focal = float(0.5 * height / np.tan(0.5 * np.radians(vfov_deg)))
             pinhole = rr.Pinhole(focal_length=focal, width=width, height=height, image_plane_distance=2.0)
             # camera axes (right, down, forward) from body axes (+y, -x, +z)
             turn = rr.Transform3D(mat3x3=np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))

@@ -41,6 +41,8 @@ def read_samples(training: Sequence[str], demos: Sequence[str], labels: Sequence
 
 def _training(path: Path) -> dict[str, int | None]:
     record = _json("--training", path)
+    nested = record.get("training")  # as beside an expert's checkpoint
+    record = nested if isinstance(nested, dict) else record
     episodes = _first_count(record, EPISODE_KEYS)
     interactions = _first_count(record, INTERACTION_KEYS)
     if interactions is None:
@@ -56,7 +58,8 @@ def _demonstrations(root: Path) -> dict[str, int | None]:
     counts = {"demonstrations": episodes, "demonstration_interactions": frames}
     made = root / "meta" / "spacedock.json"
     if made.exists():
-        counts["flown_episodes"] = _first_count(_json("--demos", made), ("flown_episodes", "episodes_flown"))
+        selection = _json("--demos", made).get("selection")
+        counts["flown_episodes"] = _first_count(selection if isinstance(selection, dict) else {}, ("flown",))
     return counts
 
 
