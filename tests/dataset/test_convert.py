@@ -1,0 +1,291 @@
+"""Rollouts of other origin: what comes in comes out, and what is broken is named."""
+
+import csv
+import json
+import pickle
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+from dataset_samples import HEIGHT, WIDTH, picture_of, short, write_raw_export
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+from lerobot_spacedock.camera import CameraConfig
+from lerobot_spacedock.dataset import schema
+from lerobot_spacedock.dataset.convert import ConvertConfig, convert
+from lerobot_spacedock.dataset.integrity import check_dataset
+from lerobot_spacedock.dataset.reader import DatasetReader
+from lerobot_spacedock.dataset.record import Storage
+from lerobot_spacedock.errors import FileFormatError, InputError
+
+CAMERA = CameraConfig(height=HEIGHT, width=WIDTH)
+
+
+def run(source, root, **options) -> None:
+    options = {"camera": CAMERA, "num_workers": 1} | options
+    assert convert(ConvertConfig(source=str(source), repo_id="test/converted", root=str(root), **options)) == 0
+
+
+def logs_of(root) -> list:
+    return [episode.log() for episode in DatasetReader(root).iterate()]
+
+
+def test_logs_to_dataset_to_logs_is_exact_to_float32(flights, log_folder, tmp_path):
+    run(log_folder, tmp_path / "d", images="none")
+    for log, back in zip(flights, logs_of(tmp_path / "d"), strict=True):
+        np.testing.assert_array_equal(back.state[:-1], log.state[:-1].astype(np.float32))
+        np.testing.assert_array_equal(back.state[-1], log.state[-1])
+        np.testing.assert_array_equal(back.action, log.action.astype(np.float32))
+        np.testing.assert_array_equal(back.dt, log.dt.astype(np.float32))
+        np.testing.assert_array_equal(back.extra["label_Lz"], log.extra["label_Lz"].astype(np.float32))
+        assert back.metadata == json.loads(json.dumps(log.metadata))
+    assert check_dataset(tmp_path / "d").errors == []
+
+
+@pytest.mark.parametrize("kind", ["video", "image"])
+def test_raw_export_keeps_every_picture_with_its_state(raw_export, tmp_path, kind):
+    root = tmp_path / "d"
+    run(raw_export, root, format="raw", storage=Storage(kind))
+    dataset = LeRobotDataset("test/converted", root=root, video_backend="pyav")
+    assert (dataset.num_episodes, dataset.num_frames, dataset.fps) == (2, 12, 1)
+    for index in range(12):
+        item = dataset[index]
+        frame = (item[schema.IMAGE].numpy().transpose(1, 2, 0) * 255.0).round()
+        error = np.abs(frame - picture_of(index % 6)).max()
+        assert error == 0 if kind == "image" else error < 3  # a step is 3 grey levels
+        assert item["timestamp"] == index % 6
+    report = check_dataset(root)
+    assert report.errors == []
+    assert report.worst["position_m"] < 1e-5
+
+
+def test_raw_values_survive(flights, raw_export, tmp_path):
+    run(raw_export, tmp_path / "d", format="raw", images="none")
+    for log, back in zip(flights[:2], logs_of(tmp_path / "d"), strict=True):
+        np.testing.assert_array_equal(back.state[:-1], log.state[:6].astype(np.float32))
+        np.testing.assert_array_equal(back.state[-1], log.state[6])
+        np.testing.assert_allclose(back.dt, log.dt[:6], rtol=1e-6)
+
+
+def edit_csv(folder, line: int, column: int, value: str | None) -> None:
+    file = folder / "states" / "trajectory_1.csv"
+    rows = list(csv.reader(file.open()))
+    if value is None:
+        rows[line - 1] = rows[line - 1][:column]
+    else:
+        rows[line - 1][column] = value
+    csv.writer(file.open("w", newline="")).writerows(rows)
+
+
+BROKEN_RAW = {
+    "word": (lambda f: edit_csv(f, 4, 3, "abc"), r"trajectory_1\.csv, line 4.*'z'.*'abc'"),
+    "nan": (lambda f: edit_csv(f, 5, 8, "nan"), r"trajectory_1\.csv, line 5.*'q0'.*not finite"),
+    "cut line": (lambda f: edit_csv(f, 3, 7, None), r"trajectory_1\.csv, line 3: 7 values, the header has 21"),
+    "time": (lambda f: edit_csv(f, 6, 0, "0.5"), r"trajectory_1\.csv, line 6: time 0\.5 s does not come after"),
+    "header": (lambda f: edit_csv(f, 1, 2, "why"), r"trajectory_1\.csv, line 1.*\['y'\]"),
+    "no picture": (lambda f: (f / "imgs" / "img_traj_1_step_3.png").unlink(), r"img_traj_1_step_3\.png: missing"),
+    "truncated": (
+        lambda f: (f / "imgs" / "img_traj_1_step_4.png").write_bytes(
+            (f / "imgs" / "img_traj_1_step_4.png").read_bytes()[:90]
+        ),
+        r"img_traj_1_step_4\.png: not a readable picture",
+    ),
+    "not a picture": (lambda f: (f / "imgs" / "img_traj_1_step_0.png").write_text("hello"), r"img_traj_1_step_0\.png"),
+    "not text": (lambda f: (f / "states" / "trajectory_1.csv").write_bytes(b"\xff\xfe\x00time"), r"trajectory_1\.csv"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN_RAW)
+def test_a_broken_export_is_named_and_nothing_is_half_written(raw_export, tmp_path, name):
+    damage, message = BROKEN_RAW[name]
+    damage(raw_export)
+    root = tmp_path / "d"
+    with pytest.raises(FileFormatError, match=message):
+        run(raw_export, root, format="raw")
+    assert not root.exists()
+
+
+@pytest.mark.parametrize("name", ["word", "truncated", "no picture"])
+def test_skip_bad_goes_on_and_lists_what_it_left_out(raw_export, tmp_path, name, capsys):
+    damage, _ = BROKEN_RAW[name]
+    damage(raw_export)
+    root = tmp_path / "d"
+    run(raw_export, root, format="raw", skip_bad=True)
+    assert "Left out 1:" in capsys.readouterr().out
+    report = check_dataset(root)
+    assert (report.episodes, report.errors) == (1, [])
+    left_out = json.loads((root / "meta" / "spacedock.json").read_text())["left_out"]
+    assert len(left_out) == 1
+    assert "raw#1" in left_out[0][0]
+
+
+def test_nothing_readable_is_an_error_even_with_skip_bad(raw_export, tmp_path):
+    for file in (raw_export / "states").iterdir():
+        file.write_text("nothing\n")
+    with pytest.raises(FileFormatError, match="None of 2 episodes"):
+        run(raw_export, tmp_path / "d", format="raw", skip_bad=True)
+    assert not (tmp_path / "d").exists()
+
+
+def write_hdf5(file, log, *, compressed: bool = False, **replaced) -> None:
+    frames = np.stack([picture_of(k) for k in range(log.num_steps + 1)])
+    with h5py.File(file, "w") as content:
+        data = {
+            "action": np.vstack([log.action, log.action[-1:]]).astype(np.float32),
+            "observations/qpos": log.state.astype(np.float32),
+            "dt": log.dt.astype(np.float32),
+        } | replaced
+        for name, values in data.items():
+            if values is not None:
+                content[name] = values
+        if compressed:
+            import cv2
+
+            encoded = [cv2.imencode(".png", frame[:, :, ::-1])[1].reshape(-1) for frame in frames]
+            width = max(map(len, encoded))
+            frames = np.stack([np.pad(row, (0, width - len(row))) for row in encoded])
+        content["observations/images/camera"] = frames
+        content.attrs["success"] = True
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_act_style_hdf5(flights, tmp_path, compressed):
+    log = short(flights[0], 6)
+    (tmp_path / "h").mkdir()
+    write_hdf5(tmp_path / "h" / "episode_0.hdf5", log, compressed=compressed)
+    run(tmp_path / "h", tmp_path / "d", format="hdf5", storage=Storage("image"))
+    dataset = LeRobotDataset("test/converted", root=tmp_path / "d")
+    np.testing.assert_array_equal((dataset[4][schema.IMAGE].numpy().transpose(1, 2, 0) * 255).round(), picture_of(4))
+    back = logs_of(tmp_path / "d")[0]
+    np.testing.assert_array_equal(back.state, log.state.astype(np.float32))
+    assert back.metadata["success"] is True
+    report = check_dataset(tmp_path / "d")
+    assert report.errors == []
+
+
+def test_hdf5_of_objects_is_refused_unread(flights, tmp_path):
+    (tmp_path / "h").mkdir()
+    objects = np.array([pickle.dumps("x").hex()] * 7, dtype=object)
+    write_hdf5(tmp_path / "h" / "episode_0.hdf5", short(flights[0], 6), action=objects)
+    with pytest.raises(FileFormatError, match=r"episode_0\.hdf5: 'action' has dtype object"):
+        run(tmp_path / "h", tmp_path / "d", format="hdf5")
+    assert not (tmp_path / "d").exists()
+
+
+class Bomb:
+    def __reduce__(self):
+        return (pytest.fail, ("an object was unpickled",))
+
+
+def test_a_pickle_in_an_archive_is_never_opened(flights, tmp_path):
+    log = short(flights[0], 6)
+    (tmp_path / "n").mkdir()
+    file = tmp_path / "n" / "episode_0.npz"
+    np.savez(file, state=log.state, action=np.array([Bomb()] * 6, dtype=object))
+    with pytest.raises(FileFormatError, match=r"episode_0\.npz: 'action' holds Python objects"):
+        run(tmp_path / "n", tmp_path / "d", format="npz", images="none")
+    file.write_bytes(pickle.dumps(Bomb()))
+    with pytest.raises(FileFormatError, match=r"episode_0\.npz"):
+        run(tmp_path / "n", tmp_path / "d2", format="npz", images="none")
+
+
+def test_numpy_archives_without_times_take_the_given_step(flights, tmp_path):
+    log = short(flights[0], 6)
+    (tmp_path / "n").mkdir()
+    np.savez(tmp_path / "n" / "episode_3.npz", state=np.delete(log.state, 6, axis=1), action=log.action)
+    run(tmp_path / "n", tmp_path / "d", format="npz", images="none", step_s=0.5)
+    rows = next(DatasetReader(tmp_path / "d").iterate()).rows
+    np.testing.assert_array_equal(rows[schema.CONTROL_DT][:, 0], np.float32(0.5))
+    report = check_dataset(tmp_path / "d")
+    assert any("does not follow" in error for error in report.errors), "wrong times are found out by the physics"
+
+
+def test_minari(flights, tmp_path, monkeypatch):
+    minari = pytest.importorskip("minari")
+    import gymnasium as gym
+
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    env = minari.DataCollector(gym.make("SpaceDock-v0", obs_type="agent_pos", max_steps=8), record_infos=True)
+    for seed in (3, 4):
+        env.reset(seed=seed)
+        for k in range(8):
+            env.step(np.full(6, float(k), dtype=np.float32))
+    env.create_dataset("spacedock/test-v0", algorithm_name="ramp", author="tests", author_email="", code_permalink="")
+    env.close()
+    run(tmp_path / "minari" / "spacedock" / "test-v0", tmp_path / "d", format="minari", images="none")
+    logs = logs_of(tmp_path / "d")
+    assert [log.num_steps for log in logs] == [8, 8]
+    np.testing.assert_array_equal(logs[1].action[:, 0], np.arange(8.0))
+    report = check_dataset(tmp_path / "d")
+    assert report.errors == []
+    assert report.worst["position_m"] < 1e-4, "the true times and states came with the infos"
+
+
+def test_select_keeps_the_best_by_the_stated_rule(flights, log_folder, tmp_path):
+    run(log_folder, tmp_path / "d", images="none", num_episodes=2, select="propellant")
+    used = [log.state[0, 6] - log.state[-1, 6] for log in flights]
+    kept = [log.metadata["seed"] for log in logs_of(tmp_path / "d")]
+    assert kept == sorted(flights[i].metadata["seed"] for i in np.argsort(used)[:2])
+
+
+def test_segments_and_their_repeats(flights, log_folder, tmp_path):
+    run(log_folder, tmp_path / "d", images="none", segment="last:10m", repeat_terminal=2)
+    reader = DatasetReader(tmp_path / "d")
+    assert len(reader.episodes) == 3 * len(flights)
+    assert [row["repeat"] for row in reader.about[:3]] == [0, 1, 2]
+    assert reader.lengths[0] == flights[0].num_steps
+    assert reader.lengths[1] == reader.lengths[2] < reader.lengths[0]
+    assert check_dataset(tmp_path / "d").errors == []
+
+
+@pytest.mark.parametrize(
+    ("options", "flag"),
+    [
+        ({"format": "rosbag"}, "--format"),
+        ({"select": "luck"}, "--select"),
+        ({"images": "maybe"}, "--images"),
+        ({"num_episodes": 99}, "--num_episodes"),
+        ({"segment": "half"}, "--segment"),
+        ({"repeat_terminal": 2}, "--repeat_terminal"),
+        ({"source": "/nonexistent"}, "--source"),
+        ({"repo_id": "nouser"}, "--repo_id"),
+        ({"storage": Storage("video", vcodec="gif")}, "--storage"),
+    ],
+)
+def test_what_cannot_be_used_is_said_by_its_flag(log_folder, tmp_path, options, flag):
+    base = {"source": str(log_folder), "repo_id": "test/x", "root": str(tmp_path / "d"), "camera": CAMERA}
+    with pytest.raises(InputError, match=flag):
+        convert(ConvertConfig(**(base | {"num_workers": 1} | options)))
+    assert not (tmp_path / "d").exists()
+
+
+def test_an_existing_root_is_left_alone(log_folder, tmp_path):
+    root = tmp_path / "d"
+    root.mkdir()
+    (root / "mine.txt").write_text("precious")
+    with pytest.raises(InputError, match="does not exist"):
+        run(log_folder, root)
+    assert (root / "mine.txt").read_text() == "precious"
+    assert [p.name for p in tmp_path.iterdir()] == ["d"]
+
+
+def test_an_unfinished_job_goes_on_only_with_its_own_settings(raw_export, tmp_path):
+    BROKEN_RAW["truncated"][0](raw_export)
+    root = tmp_path / "d"
+    with pytest.raises(FileFormatError):
+        run(raw_export, root, format="raw")
+    with pytest.raises(InputError, match="skip_bad was False, now True"):
+        run(raw_export, root, format="raw", skip_bad=True)
+    shutil.copy(raw_export / "imgs" / "img_traj_1_step_3.png", raw_export / "imgs" / "img_traj_1_step_4.png")
+    run(raw_export, root, format="raw")
+    assert check_dataset(root).errors == []
+
+
+def test_pictures_of_another_size_are_scaled(flights, tmp_path):
+    folder = tmp_path / "raw"
+    write_raw_export(folder, [short(flights[0], 6)], pictures=True)
+    run(folder, tmp_path / "d", format="raw", camera=CameraConfig(height=24, width=32), storage=Storage("image"))
+    dataset = LeRobotDataset("test/converted", root=tmp_path / "d")
+    assert tuple(dataset[2][schema.IMAGE].shape) == (3, 24, 32)
+    np.testing.assert_allclose(dataset[2][schema.IMAGE][0].numpy() * 255, picture_of(2)[0, 0, 0], atol=1)
