@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from .kernels_raster import JIT
+from lerobot_spacedock.jit import jit
+
 from .kernels_sky import EARTH_SIZE
 
 STAR_COUNT = 2600
 _STAR_SEED = 409
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def _hash(x, y, seed):
     h = (
         np.uint32(x) * np.uint32(374761393)
@@ -24,7 +24,7 @@ def _hash(x, y, seed):
     return np.float32(h & np.uint32(0xFFFFFF)) * np.float32(1.0 / 16777216.0)
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def _noise(u, v, seed):
     """Value noise in 0..1, smooth between lattice points."""
     iu, iv = int(np.floor(u)), int(np.floor(v))
@@ -38,7 +38,7 @@ def _noise(u, v, seed):
     return top + fv * (low - top)
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def _layers(u, v, octaves, seed):
     """Octaves of noise, each half as large and twice as fine."""
     total = np.float32(0.0)
@@ -51,13 +51,13 @@ def _layers(u, v, octaves, seed):
     return total
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def _step(low, high, x):
     t = min(max((x - low) / (high - low), np.float32(0.0)), np.float32(1.0))
     return t * t * (np.float32(3.0) - np.float32(2.0) * t)
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def _paint_earth(size, out):
     f = np.float32
     for i in range(size):

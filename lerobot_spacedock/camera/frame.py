@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from .kernels_raster import JIT, bin_bands, project, scan
+from lerobot_spacedock.jit import jit
+
+from .kernels_raster import bin_bands, project, scan
 from .kernels_shade import (
     CHUNK,
     SCRATCH_ROWS,
@@ -21,7 +22,7 @@ from .kernels_shade import (
 from .kernels_sky import paint_sky, paint_stars, project_stars
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def draw_frame(corners, faces, clusters, spheres, table, materials, texels, maps, map_start, map_size, map_affine,
                earth, stars, star_gain, light, rot, eye, view, width, height, rows, offsets, xy, plane, linear,
                out):  # fmt: skip
@@ -69,7 +70,7 @@ def draw_frame(corners, faces, clusters, spheres, table, materials, texels, maps
             encode(colour, 3 * pixels, out, first)
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def draw_geometry(corners, faces, clusters, spheres, segment, rot, eye, view, width, height, far, xy, plane):
     """Depth along the view axis (H, W) float32 m and segment (H, W) uint8 at each pixel's centre."""
     offsets = np.array([0.5])

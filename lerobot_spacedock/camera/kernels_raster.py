@@ -10,15 +10,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
-JIT = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": False}
+from lerobot_spacedock.jit import jit
 
 BAND_ROWS = 8  # 8 rows x 640 columns x 4 samples x 8 bytes stay in a core's second-level cache
 SAMPLE_X_4 = (0.375, 0.875, 0.125, 0.625)  # rotated grid: sample rows are 1/4 pixel apart, columns all differ
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def _emit(ax, ay, aw, bx, by, bw, cx, cy, cw, width, height, xy, plane, n):
     """Store one projected triangle, its corners sorted by row; → number stored so far."""
     if ay > by:
@@ -39,7 +38,7 @@ def _emit(ax, ay, aw, bx, by, bw, cx, cy, cw, width, height, xy, plane, n):
     return n + 1
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def project(corners, planes, clusters, spheres, rot, eye, view, width, height, xy, plane):
     """Cull by cluster and by face, transform, clip at the near plane and project.
 
@@ -141,7 +140,7 @@ def project(corners, planes, clusters, spheres, rot, eye, view, width, height, x
     return n
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def bin_bands(xy, n, height, rows):
     """Triangles sorted by the bands of rows that they touch → (start of each band (B + 1,), indices)."""
     bands = (height + rows - 1) // rows
@@ -164,7 +163,7 @@ def bin_bands(xy, n, height, rows):
     return start, items
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def scan(xy, plane, items, i0, i1, row0, row1, width, samples, offsets, ramp, depth, ids):
     """Scan-convert ``items[i0:i1]`` into sample rows ``samples*row0 .. samples*row1``.
 

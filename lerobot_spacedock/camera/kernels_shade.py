@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
-from .kernels_raster import JIT
+from lerobot_spacedock.jit import jit
 
 CHUNK = 256  # the scratch array then stays in the first-level cache
 TILE = 256  # texels along a pattern's side; then its mip levels
@@ -38,7 +37,7 @@ T_N, T_U, T_V, T_AO, T_KIND, T_BOTH = 0, 12, 16, 20, 24, 25
 TRIANGLE_SIZE = 32  # two whole cache lines
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def collect(ids, row0, row1, width, samples, off_x, frag_x, frag_y, frag_tri, frag_pixel, frag_weight, sky):
     """List the band's fragments: one per distinct triangle and pixel, at the centroid of its samples.
 
@@ -70,7 +69,7 @@ def collect(ids, row0, row1, width, samples, off_x, frag_x, frag_y, frag_tri, fr
     return n
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def _split(ids, p, width, row, column, pixel, off_x, frag_x, frag_y, frag_tri, frag_pixel, frag_weight, sky, n):
     """The fragments of a pixel whose four samples differ; → number of fragments so far."""
     empty = 0
@@ -101,7 +100,7 @@ def _split(ids, p, width, row, column, pixel, off_x, frag_x, frag_y, frag_tri, f
     return n
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def locate(k0, n, frag_x, frag_y, frag_tri, plane, table, materials, rot, eye, view, s):
     """Position, normal, texture place and openness of fragments k0 .. k0+n."""
     ex, ey, ez = np.float32(eye[0]), np.float32(eye[1]), np.float32(eye[2])
@@ -149,7 +148,7 @@ def locate(k0, n, frag_x, frag_y, frag_tri, plane, table, materials, rot, eye, v
         s[KIND * CHUNK + k] = m
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def shade_shadow(n, light, maps, map_start, map_size, map_affine, s):
     """Share of the Sun that reaches n fragments (0..1): the tightest map that holds the point, four taps, bilinear."""
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -188,7 +187,7 @@ def shade_shadow(n, light, maps, map_start, map_size, map_affine, s):
         s[SUN * CHUNK + k] = lit
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def clothe(n, materials, texels, s):
     """Colour, gloss and relief of n fragments from their material and its pattern."""
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -248,7 +247,7 @@ def clothe(n, materials, texels, s):
         s[METAL * CHUNK + k], s[EMIT * CHUNK + k] = materials[m, 8], materials[m, 12]
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def lighten(n, light, s):
     """Light, expose and tone-map n fragments of the scratch array (vectorised)."""
     lx, ly, lz = light[0], light[1], light[2]
@@ -310,7 +309,7 @@ def lighten(n, light, s):
         s[OUT_R * CHUNK + k], s[OUT_G * CHUNK + k], s[OUT_B * CHUNK + k] = red, green, blue
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def tone_map(n, s):
     """Film-like curve on n fragments (a rational fit of the ACES reference curve)."""
     a, b, c, d, e = np.float32(2.51), np.float32(0.03), np.float32(2.43), np.float32(0.59), np.float32(0.14)
@@ -325,7 +324,7 @@ def tone_map(n, s):
         s[k] = x * (a * x + b) / (x * (c * x + d) + e)
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def deposit(k0, n, frag_pixel, frag_weight, s, colour):
     """Add n fragments' colours to the band's pixels."""
     for k in range(n):
@@ -336,7 +335,7 @@ def deposit(k0, n, frag_pixel, frag_weight, s, colour):
         colour[p + 2] += w * s[OUT_B * CHUNK + k]
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def encode(colour, n, out, start):
     """Linear 0..1 → sRGB bytes, the power replaced by square roots (within half a grey level)."""
     for k in range(n):

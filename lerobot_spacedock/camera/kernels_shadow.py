@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
-from .kernels_raster import JIT
+from lerobot_spacedock.jit import jit
 
 FAR_BELOW = np.float32(-1e9)
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def draw_depth(corners, basis, offset_u, offset_v, texels_per_m, size, out):
     """Draw all triangles, orthographically along the Sun's direction.
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from lerobot_spacedock.jit import jit
 from lerobot_spacedock.physics.constants import EARTH_EQUATORIAL_RADIUS_m, ORBIT_RADIUS_m
-
-from .kernels_raster import JIT
 
 EARTH_SIZE = 2048  # texels along the side of the Earth patch that is seen from orbit
 EARTH_REACH = 0.37  # sine of the central angle at the patch's edge; the horizon is at 0.342
@@ -18,7 +16,7 @@ _HORIZON = math.sqrt(1.0 - 1.0 / (_RO * _RO))  # cosine from the nadir of the ge
 _AIR_TOP = (1.0 + 140e3 / EARTH_EQUATORIAL_RADIUS_m) ** 2  # nothing glows above this
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def _ground(rx, ry, rz, down, gap, sx, sy, sz, earth):
     """Radiance (red, green, blue) of the sunlit Earth along a unit ray that meets it."""
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -69,7 +67,7 @@ def _ground(rx, ry, rz, down, gap, sx, sy, sz, earth):
     return red, green, blue
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def _limb(rx, ry, rz, down, gap, sx, sy, sz):
     """Radiance (red, green, blue) of the air above the limb along a unit ray that misses the ground."""
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -91,7 +89,7 @@ def _limb(rx, ry, rz, down, gap, sx, sy, sz):
     return red, green, blue + night * np.float32(0.3)
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def _film(x):
     """The tone curve of ``kernels_shade.tone_map``."""
     return (
@@ -100,7 +98,7 @@ def _film(x):
     )  # fmt: skip
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def paint_sky(row0, row1, width, sky, rot, view, light, earth, colour):
     """Add the sky's share to the band's pixels, tone-mapped like everything else."""
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -152,7 +150,7 @@ def paint_sky(row0, row1, width, sky, rot, view, light, earth, colour):
             colour[p + 2] += share * _film(blue * exposure)
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def project_stars(stars, rot, view, width, height, out):
     """Stars in the picture and above the air → rows of (column, row, red, green, blue); their number."""
     n = 0
@@ -171,7 +169,7 @@ def project_stars(stars, rot, view, width, height, out):
     return n
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def paint_stars(found, n, row0, row1, width, sky, gain, colour):
     """Spread each star over the four pixels around it, where the sky is clear."""
     for k in range(n):

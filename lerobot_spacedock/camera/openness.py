@@ -9,12 +9,11 @@ import hashlib
 import math
 
 import numpy as np
-from numba import njit
 
+from lerobot_spacedock.jit import jit
 from lerobot_spacedock.station import StationMesh
 from lerobot_spacedock.station.cache import cached_arrays
 
-from .kernels_raster import JIT
 from .kernels_shadow import draw_depth
 
 DIRECTIONS = 48
@@ -22,7 +21,7 @@ MAPS = ((1.6, 384), (0.0, 1024))  # half width about the port m (0: everything),
 FLOOR = 0.12  # light that comes in by second bounces
 
 
-@njit(**JIT)
+@jit(nogil=True)
 def _accumulate(points, normals, basis, low_u, low_v, per_m, size, depth, push, seen, weight, todo):
     """Add one direction's view of the points that the map holds and that are still to do."""
     for k in range(points.shape[0]):
