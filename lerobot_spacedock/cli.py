@@ -116,7 +116,7 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
 
 
 def _joined(arguments: Sequence[str], list_flags: set[str]) -> list[str]:
-    """One ``--flag=value`` a flag: a bare ``--flag`` is true; a list's values, in one place or several, are one list."""
+    """One ``--flag=value`` a flag: a bare one is true; values of a list, given at once or one by one, are joined."""
     given: dict[str, list[str]] = {}
     stray: list[str] = []
     flag = None

@@ -24,7 +24,7 @@ def build(policy_type, env=ENV, **options):
 def states(count, seed=0):
     rng = np.random.default_rng(seed)
     state = np.zeros((count, 13), dtype=np.float32)
-    state[:, :3] = [0.0, -25.0, 0.0] + rng.uniform(-1, 1, (count, 3))
+    state[:, :3] = rng.uniform([-1, -26, -1], [1, -24, 1], (count, 3))
     state[:, 3:6] = rng.uniform(-0.1, 0.1, (count, 3))
     state[:, 6:10] = [np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0]
     state[:, 10:] = rng.uniform(-0.1, 0.1, (count, 3))
