@@ -16,6 +16,7 @@ import numpy as np
 
 from lerobot_spacedock.env.batch import BatchedSpaceDock
 from lerobot_spacedock.env.config import TaskConfig
+from lerobot_spacedock.env.scenario_config import MetaRanges
 from lerobot_spacedock.env.termination import CONTACT
 from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.expert.policy import Policy
@@ -25,6 +26,17 @@ VALIDATION_SEED = 2_000_000
 HELD_OUT_SEED = 3_000_000
 
 _CONTACT = {"contact": True, "hill_coupling": True, "max_steps": 100}
+# chasers and thrusters that no training has seen: about twice as far off as the training distribution
+UNSEEN = MetaRanges(
+    mass_fraction=0.35,
+    inertia_fraction=0.35,
+    inertia_product_kg_m2=14.0,
+    thrust_scale=(0.75, 1.15),
+    torque_scale=(0.75, 1.15),
+    thrust_misalignment_deg=2.0,
+    torque_bias_Nm=0.2,
+    com_offset_m=0.04,
+)
 # every kind of episode that the expert is judged on
 TASKS = {
     "fixed same": TaskConfig(),
@@ -35,6 +47,7 @@ TASKS = {
     "meta same": TaskConfig(**_CONTACT, dynamics="meta"),
     "meta random": TaskConfig(**_CONTACT, dynamics="meta", initial_conditions="random"),
     "meta same_dispersed": TaskConfig(**_CONTACT, dynamics="meta", initial_conditions="same_dispersed"),
+    "unseen random": TaskConfig(**_CONTACT, dynamics="meta", initial_conditions="random", meta=UNSEEN),
 }
 
 

@@ -51,7 +51,8 @@ def save_checkpoint(
     aside = folder / f".{target.name}.part"
     shutil.rmtree(aside, ignore_errors=True)
     aside.mkdir(parents=True)
-    save_actor(aside / "policy.safetensors", export_actor(config, algorithm), {"config": resolved, **progress})
+    account = {name: value for name, value in progress.items() if name != "curve"}
+    save_actor(aside / "policy.safetensors", export_actor(config, algorithm), {"config": resolved, **account})
     (aside / "training.safetensors").write_bytes(save(_tensors(algorithm)))
     write_json(
         aside / "training.json",
