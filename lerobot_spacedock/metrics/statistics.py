@@ -175,8 +175,7 @@ def welch(a: Sequence[float] | np.ndarray, b: Sequence[float] | np.ndarray) -> T
         return Test("Welch t", None, None, n=n, note="fewer than two episodes in one run")
     if np.ptp(x) == 0.0 and np.ptp(y) == 0.0:
         return Test("Welch t", None, None, n=n, note="both runs constant: t is not defined")
-    result = stats.ttest_ind(x, y, equal_var=False)
-    return Test("Welch t", float(result.statistic), float(result.pvalue), df=float(result.df), n=n)
+    return welch_from_summary(float(x.mean()), _spread(x), x.size, float(y.mean()), _spread(y), y.size)
 
 
 def welch_from_summary(mean_a: float, std_a: float, n_a: int, mean_b: float, std_b: float, n_b: int) -> Test:
@@ -185,6 +184,11 @@ def welch_from_summary(mean_a: float, std_a: float, n_a: int, mean_b: float, std
     variance_a, variance_b = std_a**2 / n_a, std_b**2 / n_b
     df = (variance_a + variance_b) ** 2 / (variance_a**2 / (n_a - 1) + variance_b**2 / (n_b - 1))
     return Test("Welch t", float(result.statistic), float(result.pvalue), df=df, n=(n_a, n_b))
+
+
+def _spread(x: np.ndarray) -> float:
+    """Sample standard deviation; exactly 0 for equal values, whose computed mean may differ from them by rounding."""
+    return float(x.std(ddof=1)) if np.ptp(x) > 0.0 else 0.0
 
 
 def mann_whitney(a: Sequence[float] | np.ndarray, b: Sequence[float] | np.ndarray) -> Test:
@@ -209,8 +213,8 @@ def hedges_g(a: Sequence[float] | np.ndarray, b: Sequence[float] | np.ndarray) -
     if min(x.size, y.size) < 2:
         return Interval(None, None, None, n, "fewer than two episodes in one run")
     df = n - 2
-    pooled = math.sqrt(((x.size - 1) * x.var(ddof=1) + (y.size - 1) * y.var(ddof=1)) / df)
-    if pooled == 0.0 or (np.ptp(x) == 0.0 and np.ptp(y) == 0.0):
+    pooled = math.sqrt(((x.size - 1) * _spread(x) ** 2 + (y.size - 1) * _spread(y) ** 2) / df)
+    if pooled == 0.0:
         return Interval(None, None, None, n, "both runs constant: g is not defined")
     factor = math.exp(special.gammaln(df / 2) - special.gammaln((df - 1) / 2)) / math.sqrt(df / 2)
     g = factor * float(x.mean() - y.mean()) / pooled
