@@ -27,13 +27,17 @@ _KEEP_UNUSED_s = 30 * 24 * 3600
 
 
 def jit(function: Callable | None = None, **options: Any) -> Callable:
-    """``numba.njit(cache=True, …)`` with this package's cache folder; used with or without arguments."""
+    """``numba.njit(cache=True, …)`` with this package's cache folder; used with or without arguments.
+
+    Division by zero gives inf or NaN as in NumPy, instead of a test and a branch at every division; callers check
+    that what comes out is finite.
+    """
     if function is None:
         return functools.partial(jit, **options)
     saved = numba.config.CACHE_DIR
     try:
         numba.config.CACHE_DIR = saved or str(cache_dir(function.__module__.split(".")[1]))
-        return numba.njit(cache=True, **options)(function)
+        return numba.njit(cache=True, error_model="numpy", **options)(function)
     finally:
         numba.config.CACHE_DIR = saved
 

@@ -22,7 +22,7 @@ from lerobot_spacedock.physics import chaser as p
 from lerobot_spacedock.physics.chaser import ChaserParameters
 from lerobot_spacedock.physics.constants import MEAN_MOTION_rad_s
 from lerobot_spacedock.physics.frames import ACTION_DIM, STATE_DIM
-from lerobot_spacedock.physics.relative_motion import hcw_transition_row
+from lerobot_spacedock.physics.relative_motion import hcw_transition_row, sine_cosine
 from lerobot_spacedock.physics.rigid_body import (
     advance_attitude,
     axpy,
@@ -31,19 +31,22 @@ from lerobot_spacedock.physics.rigid_body import (
     multiply_quaternions,
     rotate_vector,
     rotate_vector_inverse,
+    scaled,
 )
 
 SUBSTEP_ANGLE_rad = 0.03  # whole episodes then stay within 1e-6 m and 1e-8 rad (tests/physics/test_propagate.py)
 MAX_SUBSTEPS = 4096
 
 
-@jit
-def substeps_needed(omega, torque, parameters, row, step_s):
+@jit(inline="always")
+def substeps_needed(omega, alpha, step_s):
     """How many substeps keep the turn in each below ``SUBSTEP_ANGLE_rad``; ``MAX_SUBSTEPS`` at most."""
-    alpha = multiply_matrix(parameters, row, p.INERTIA_INVERSE, torque)
-    rate = math.sqrt(omega[0] ** 2 + omega[1] ** 2 + omega[2] ** 2)
-    growth = math.sqrt(alpha[0] ** 2 + alpha[1] ** 2 + alpha[2] ** 2) * step_s
-    turns = (rate + growth) * step_s / SUBSTEP_ANGLE_rad
+    rate2 = omega[0] ** 2 + omega[1] ** 2 + omega[2] ** 2
+    growth2 = (alpha[0] ** 2 + alpha[1] ** 2 + alpha[2] ** 2) * step_s * step_s
+    # (a + b)² ≤ 2 (a² + b²): the usual case, without a root
+    if 2.0 * (rate2 + growth2) * step_s * step_s < SUBSTEP_ANGLE_rad * SUBSTEP_ANGLE_rad:
+        return 1
+    turns = (math.sqrt(rate2) + math.sqrt(growth2)) * step_s / SUBSTEP_ANGLE_rad
     if not turns < MAX_SUBSTEPS:
         return MAX_SUBSTEPS
     return 1 + int(turns)
@@ -82,25 +85,27 @@ def propagate_row(state, action, step_s, parameters, row, mean_motion_rad_s, hil
         r, v = shift_point(r, v, q, omega, offset, 1.0, n, hill_coupling)
     flow = -math.sqrt(thrust[0] ** 2 + thrust[1] ** 2 + thrust[2] ** 2) / parameters[row, p.EXHAUST_SPEED]
 
-    count = substeps if substeps > 0 else substeps_needed(omega, torque, parameters, row, step_s)
+    count = substeps
+    if count <= 0:
+        count = substeps_needed(omega, multiply_matrix(parameters, row, p.INERTIA_INVERSE, torque), step_s)
     h = step_s / count
     isotropic = parameters[row, p.ISOTROPIC] != 0.0
-    sine_quarter, cosine_quarter = math.sin(0.25 * n * h), math.cos(0.25 * n * h)
+    sine_quarter, cosine_quarter = sine_cosine(0.25 * n * h)
     sine_half = 2.0 * sine_quarter * cosine_quarter
     cosine_half = 1.0 - 2.0 * sine_quarter * sine_quarter
     none = (0.0, 0.0, 0.0)
     for _ in range(count):
-        a_start = rotate_vector(q, (thrust[0] / mass, thrust[1] / mass, thrust[2] / mass))
+        a_start = rotate_vector(q, scaled(1.0 / mass, thrust))
         q, omega = advance_attitude(q, omega, torque, 0.5 * h, isotropic, parameters, row, p.INERTIA, p.INERTIA_INVERSE)
         if hill_coupling:
             q = multiply_quaternions((cosine_quarter, 0.0, 0.0, -sine_quarter), q)
         mass_middle = mass + 0.5 * h * flow
-        a_middle = rotate_vector(q, (thrust[0] / mass_middle, thrust[1] / mass_middle, thrust[2] / mass_middle))
+        a_middle = rotate_vector(q, scaled(1.0 / mass_middle, thrust))
         q, omega = advance_attitude(q, omega, torque, 0.5 * h, isotropic, parameters, row, p.INERTIA, p.INERTIA_INVERSE)
         if hill_coupling:
             q = multiply_quaternions((cosine_quarter, 0.0, 0.0, -sine_quarter), q)
         mass = mass + h * flow
-        a_end = rotate_vector(q, (thrust[0] / mass, thrust[1] / mass, thrust[2] / mass))
+        a_end = rotate_vector(q, scaled(1.0 / mass, thrust))
 
         sixth = h / 6.0
         r, v = hcw_transition_row(r, axpy(sixth, a_start, v), n, sine_half, cosine_half, h)
@@ -131,13 +136,14 @@ def shift_point(r, v, q, omega, offset, sign, mean_motion_rad_s, hill_coupling):
 @jit
 def _propagate_rows(state, action, step_s, parameters, n, hill_coupling, substeps, out, first, last):
     shared = parameters.shape[0] == 1
-    for i in range(first, last):
+    for k in range(first, last):
+        i = np.uintp(k)  # unsigned: numba then leaves out its test for negative indices
         before = (
             state[i, 0], state[i, 1], state[i, 2], state[i, 3], state[i, 4], state[i, 5], state[i, 6],
             state[i, 7], state[i, 8], state[i, 9], state[i, 10], state[i, 11], state[i, 12], state[i, 13],
         )  # fmt: skip
         held = (action[i, 0], action[i, 1], action[i, 2], action[i, 3], action[i, 4], action[i, 5])
-        row = 0 if shared else i
+        row = np.uintp(0) if shared else i
         after = propagate_row(before, held, step_s[i], parameters, row, n, hill_coupling, substeps)
         for j in range(STATE_DIM):
             out[i, j] = after[j]

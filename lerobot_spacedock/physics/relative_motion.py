@@ -44,6 +44,16 @@ def hcw_transition_row(r, v, mean_motion_rad_s, sine_half, cosine_half, time_s):
     return (x, y, z), (vx, vy, vz)
 
 
+@jit(inline="always")
+def sine_cosine(angle):
+    """Sine and cosine; below 0.05 rad, as orbital angles of a step are, by Taylor series to the last bit but one."""
+    if abs(angle) < 0.05:
+        x = angle * angle
+        sine = angle * (1.0 - x / 6.0 * (1.0 - x / 20.0 * (1.0 - x / 42.0)))
+        return sine, 1.0 - x / 2.0 * (1.0 - x / 12.0 * (1.0 - x / 30.0 * (1.0 - x / 56.0)))
+    return math.sin(angle), math.cos(angle)
+
+
 def hcw_transition_matrix(time_s: float, mean_motion_rad_s: float) -> np.ndarray:
     """State transition matrix of (r, v) in Hill axes over ``time_s``, (6, 6); m and m/s."""
     half = 0.5 * mean_motion_rad_s * time_s

@@ -28,6 +28,12 @@ def axpy(scale, a, b):
 
 
 @jit(inline="always")
+def scaled(scale, a):
+    """``scale * a`` of a 3-tuple."""
+    return (scale * a[0], scale * a[1], scale * a[2])
+
+
+@jit(inline="always")
 def multiply_quaternions(p, q):
     """Hamilton product of two 4-tuples, scalar first."""
     return (
@@ -96,11 +102,12 @@ def advance_attitude(q, omega, torque, step_s, isotropic, matrices, row, inertia
     Returns:
         (q, omega) after the step.
     """
-    start = angular_acceleration(omega, torque, matrices, row, inertia_at, inverse_at)
     if isotropic:
+        start = multiply_matrix(matrices, row, inverse_at, torque)
         middle = axpy(0.5 * step_s, start, omega)
         end = axpy(step_s, start, omega)
     else:
+        start = angular_acceleration(omega, torque, matrices, row, inertia_at, inverse_at)
         k2 = angular_acceleration(axpy(0.5 * step_s, start, omega), torque, matrices, row, inertia_at, inverse_at)
         k3 = angular_acceleration(axpy(0.5 * step_s, k2, omega), torque, matrices, row, inertia_at, inverse_at)
         k4 = angular_acceleration(axpy(step_s, k3, omega), torque, matrices, row, inertia_at, inverse_at)
