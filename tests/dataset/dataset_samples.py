@@ -32,8 +32,8 @@ def fly_some(seeds, *, kicks: KickConfig | None = None, **env_options) -> list[E
 
 def picture_of(step: int) -> np.ndarray:
     """A frame that says which step it is, and survives a lossy codec."""
-    frame = np.full((HEIGHT, WIDTH, 3), 20 + 3 * step, dtype=np.uint8)
-    frame[:, :, 2] = 235 - 3 * step
+    frame = np.full((HEIGHT, WIDTH, 3), 20 + 8 * step, dtype=np.uint8)
+    frame[:, :, 2] = 235 - 8 * step
     return frame
 
 

@@ -62,9 +62,12 @@ def read_table(file: Path) -> np.ndarray:
     Raises:
         FileFormatError: naming the line (the header is line 1) and what is wrong in it.
     """
-    with file.open(newline="") as stream:
+    with file.open(newline="", encoding="utf-8") as stream:
         reader = csv.reader(stream)
-        header = [name.strip() for name in next(reader, [])]
+        try:
+            header = [name.strip() for name in next(reader, [])]
+        except (csv.Error, UnicodeDecodeError) as error:
+            raise FileFormatError(f"{file}, line 1: not CSV ({error}).") from error
         missing = [name for name in HEADER if name not in header]
         if missing:
             raise FileFormatError(f"{file}, line 1: columns {missing} are missing; the header is {','.join(HEADER)}.")
@@ -81,7 +84,7 @@ def read_table(file: Path) -> np.ndarray:
                 if rows and row[0] <= rows[-1][0]:
                     raise FileFormatError(f"{place}: time {row[0]} s does not come after {rows[-1][0]} s.")
                 rows.append(row)
-        except csv.Error as error:
+        except (csv.Error, UnicodeDecodeError) as error:
             raise FileFormatError(f"{file}, line {reader.line_num}: not CSV ({error}).") from error
     if len(rows) < 3:
         raise FileFormatError(f"{file}: {len(rows)} rows of numbers; an episode has at least 3.")

@@ -1,0 +1,90 @@
+"""The little that is said to the hub: one place for its errors, and for the token, which is never shown."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from lerobot_spacedock.errors import InputError, SpaceDockError
+
+LOG_IN = "Log in with `hf auth login`, or set HF_TOKEN."
+
+
+class HubError(SpaceDockError):
+    """The hub refused, failed, or was not reached."""
+
+
+@contextlib.contextmanager
+def hub_errors(doing: str) -> Iterator[None]:
+    """Turns what the hub's library raises into one sentence, without the token and without a traceback.
+
+    Raises:
+        HubError: what was being done, what the hub said, and what to do.
+    """
+    import httpx
+    from huggingface_hub.errors import HfHubHTTPError
+
+    try:
+        yield
+    except HfHubHTTPError as error:
+        status = error.response.status_code if error.response is not None else None
+        if status in (401, 403):
+            raise HubError(f"{doing}: the hub refused the token ({status}). {LOG_IN}") from None
+        said = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise HubError(f"{doing}: the hub answered {status} ({said}). {AGAIN}") from None
+    except (httpx.HTTPError, ConnectionError, TimeoutError) as error:
+        raise HubError(f"{doing}: the connection failed ({type(error).__name__}: {error}). {AGAIN}") from None
+    except (RuntimeError, OSError) as error:
+        raise HubError(f"{doing}: failed ({error}). {AGAIN}") from None
+
+
+AGAIN = "Nothing here was changed; run the same command again: what has been uploaded is not sent twice."
+
+
+def checked_token() -> str:
+    """The token of the hub library's own places.
+
+    Raises:
+        InputError: there is none.
+    """
+    from huggingface_hub import get_token
+
+    token = get_token()
+    if not token:
+        raise InputError("hub token", "none", "the token that the hub's library finds", LOG_IN)
+    return token
+
+
+def upload_folder(
+    api: Any,
+    folder: Path,
+    *,
+    repo_id: str,
+    repo_type: str,
+    branch: str | None,
+    message: str,
+    large: bool,
+    ignore: list[str],
+) -> str:
+    """Uploads a folder: as one commit, or, where ``large``, in several with a record of what is done.
+
+    Returns:
+        Where it is.
+    """
+    shared = {"repo_id": repo_id, "repo_type": repo_type, "folder_path": folder, "ignore_patterns": ignore}
+    if large:
+        api.upload_large_folder(**shared, revision=branch, print_report=False)
+        return f"{api.endpoint}/{'' if repo_type == 'model' else repo_type + 's/'}{repo_id}"
+    done = api.upload_folder(**shared, revision=branch, commit_message=message)
+    return done.repo_url.url
+
+
+def set_tag(api: Any, tag: str, *, repo_id: str, repo_type: str, branch: str | None) -> None:
+    """Points a tag at the head of the branch, moving it where it exists."""
+    from huggingface_hub.errors import RevisionNotFoundError
+
+    with contextlib.suppress(RevisionNotFoundError):
+        api.delete_tag(repo_id, tag=tag, repo_type=repo_type)
+    api.create_tag(repo_id, tag=tag, revision=branch, repo_type=repo_type)

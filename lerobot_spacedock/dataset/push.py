@@ -1,0 +1,148 @@
+"""``spacedock push``: a dataset, a policy or the environment goes to the hub, with a card made from what it is."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from lerobot_spacedock.dataset.card import write_card
+from lerobot_spacedock.dataset.hub import HubError, checked_token, hub_errors, set_tag, upload_folder
+from lerobot_spacedock.dataset.integrity import check_dataset
+from lerobot_spacedock.dataset.model_card import write_model_card
+from lerobot_spacedock.dataset.roots import check_repo_id, existing_root
+from lerobot_spacedock.errors import InputError
+
+KINDS = ("dataset", "policy", "env")
+LARGE_BYTES = 2 * 1024**3
+IGNORED = [".cache/**", "images/**", "**/*.tmp", "**/.*.tmp", "*.part/**"]
+
+
+@dataclass
+class PushConfig:
+    """Publish a dataset, a policy or the environment, with its card."""
+
+    # user/name on the hub
+    repo_id: str
+    # dataset | policy | env
+    kind: str = "dataset"
+    # folder of the dataset, by default LeRobot's own place for this repo_id; or of the policy (its pretrained_model)
+    root: str | None = None
+    # show what would be pushed and write the card, without a word to the hub
+    dry_run: bool = False
+    # whether a new repository is private
+    private: bool = True
+    # branch to push to, made where it does not exist; by default main
+    branch: str | None = None
+    # tags of the card
+    tags: list[str] = field(default_factory=list)
+    # further git tag to set, such as v1.0; LeRobot's own version tag is always set for datasets
+    revision_tag: str | None = None
+    # licence of what is pushed, by the hub's short name
+    license: str = "apache-2.0"
+    # upload in several commits with a record of progress: auto does so above 2 GB | always | never
+    large: str = "auto"
+    # push although the check found errors
+    force: bool = False
+    # policy: episode logs of its evaluation, whose results go on the card
+    log_dir: str | None = None
+
+
+def push(config: PushConfig) -> int:
+    """Runs the verb; see the module.
+
+    Raises:
+        InputError: nothing to push, a dataset that fails its check, or no token.
+        HubError: the hub refused, failed or was not reached. Nothing local changes, and the same command goes on.
+    """
+    check_repo_id(config.repo_id)
+    if config.kind not in KINDS:
+        raise InputError("--kind", config.kind, " | ".join(KINDS))
+    if config.large not in ("auto", "always", "never"):
+        raise InputError("--large", config.large, "auto | always | never")
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = _prepare(config, Path(scratch))
+        return _upload(config, folder)
+
+
+def _prepare(config: PushConfig, scratch: Path) -> Path:
+    """The folder to push, complete with its card."""
+    if config.kind == "dataset":
+        root = existing_root(config.repo_id, config.root)
+        report = check_dataset(root, sample_frames=4, redraw=False)
+        if not report.ok and not config.force:
+            raise InputError(
+                "--root", str(root), "a dataset that passes spacedock check", f"{report.errors[0]} (--force pushes it.)"
+            )
+        write_card(root, config.repo_id, license_id=config.license, tags=tuple(config.tags))
+        return root
+    if config.kind == "policy":
+        folder = Path(config.root or "")
+        if config.root is None or not (folder / "config.json").exists():
+            raise InputError("--root", config.root, "the pretrained_model folder of a policy (it holds config.json)")
+        write_model_card(folder, config.repo_id, config.log_dir, license_id=config.license, tags=tuple(config.tags))
+        return folder
+    from lerobot_spacedock.dataset.env_hub import write_env_hub
+
+    write_env_hub(scratch, config.repo_id, license_id=config.license, tags=tuple(config.tags))
+    return scratch
+
+
+def _upload(config: PushConfig, folder: Path) -> int:
+    files = [file for file in folder.rglob("*") if file.is_file() and not _ignored(file.relative_to(folder))]
+    size = sum(file.stat().st_size for file in files)
+    large = config.large == "always" or (config.large == "auto" and size > LARGE_BYTES)
+    where = f"{config.repo_id} ({config.kind}, {'private' if config.private else 'public'} if new)"
+    print(f"{len(files)} files, {size / 1e6:.1f} MB → {where}, branch {config.branch or 'main'}")
+    if config.dry_run:
+        for file in sorted(files)[:50]:
+            print(f"  {file.relative_to(folder)}  {file.stat().st_size} bytes")
+        card = (folder / "README.md").read_text()
+        print(f"--- README.md\n{card if config.kind == 'env' else card[:1500]}")
+        print("Dry run: nothing was sent. Next: the same command without --dry_run")
+        return 0
+    from huggingface_hub import HfApi
+
+    api = HfApi(token=checked_token())
+    repo_type = "dataset" if config.kind == "dataset" else "model"
+    shared = {"repo_id": config.repo_id, "repo_type": repo_type}
+    with hub_errors("asking who the token belongs to"):
+        api.whoami()
+    with hub_errors(f"making the repository {config.repo_id}"):
+        api.create_repo(**shared, private=config.private, exist_ok=True)
+        if config.branch is not None:
+            api.create_branch(**shared, branch=config.branch, exist_ok=True)
+    with hub_errors("uploading"):
+        url = upload_folder(
+            api, folder, **shared, branch=config.branch, message=f"Push {config.kind}", large=large, ignore=IGNORED
+        )
+    with hub_errors("tagging"):
+        for tag in _tags(config):
+            set_tag(api, tag, **shared, branch=config.branch)
+    print(f"Pushed to {url}")
+    print(f"Next: {_next(config)}")
+    return 0
+
+
+def _ignored(path: Path) -> bool:
+    return path.parts[0] in (".cache", "images") or path.name.endswith(".tmp")
+
+
+def _tags(config: PushConfig) -> list[str]:
+    tags = [config.revision_tag] if config.revision_tag else []
+    if config.kind == "dataset":
+        from lerobot.datasets.dataset_metadata import CODEBASE_VERSION
+
+        tags.insert(0, CODEBASE_VERSION)  # without it LeRobot cannot load the dataset by its name
+    return tags
+
+
+def _next(config: PushConfig) -> str:
+    if config.kind == "dataset":
+        return f"lerobot-train --dataset.repo_id={config.repo_id} --policy.type=act …"
+    if config.kind == "policy":
+        return f"lerobot-eval --policy.path={config.repo_id} --env.type=spacedock …"
+    return f'lerobot.envs.factory.make_env("{config.repo_id}", trust_remote_code=True)'
+
+
+__all__ = ["HubError", "PushConfig", "push"]
