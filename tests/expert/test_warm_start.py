@@ -1,0 +1,147 @@
+"""The warm start: reading demonstrations, imitating them, and PPO going on without forgetting them at once."""
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import torch
+
+from lerobot_spacedock.env.batch import BatchedSpaceDock
+from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.expert.demonstrations import find_dataset, load_demonstrations
+from lerobot_spacedock.expert.evaluate import TASKS
+from lerobot_spacedock.expert.feedback import FeedbackPolicy
+from lerobot_spacedock.expert.imitate import freeze_actor, imitate
+from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
+from lerobot_spacedock.expert.ppo import collect, make_ppo
+from lerobot_spacedock.expert.train import train_expert
+from lerobot_spacedock.expert.train_config import ActorConfig, PpoConfig, TrainExpertConfig
+from lerobot_spacedock.expert.train_state import export_actor
+from lerobot_spacedock.expert.training_tasks import TrainingTasks
+
+
+def write_dataset(folder, episodes=24, steps=65, with_mass=False, version="v3.0"):
+    """What the warm start reads of a LeRobotDataset, in two files, flown by the feedback law."""
+    policy = FeedbackPolicy("W")
+    batch = BatchedSpaceDock(episodes, TASKS["fixed random"])
+    observation = batch.reset(np.arange(episodes))
+    policy.reset(episodes)
+    states, actions = [], []
+    for _ in range(steps):
+        actions.append(policy.act(observation))
+        states.append(np.insert(observation, 6, 1000.0, axis=1) if with_mass else observation)
+        observation = batch.step(actions[-1]).observation
+    (folder / "meta").mkdir(parents=True)
+    (folder / "meta" / "info.json").write_text(json.dumps({"codebase_version": version}))
+    for part, rows in enumerate(np.array_split(np.arange(episodes), 2)):
+        table = {"observation.state": [], "action": [], "episode_index": [], "frame_index": []}
+        for row in rows:
+            for step in range(steps):
+                table["observation.state"].append(states[step][row].tolist())
+                table["action"].append(actions[step][row].tolist())
+                table["episode_index"].append(int(row))
+                table["frame_index"].append(step)
+        path = folder / "data" / "chunk-000" / f"file-{part:03d}.parquet"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pq.write_table(pa.table(table), path)
+    return np.array(states), np.array(actions)
+
+
+def small(folder, **changes):
+    options = {
+        "output_dir": str(folder / "out"),
+        "init_from": str(folder / "demos"),
+        "interactions": 16 * 20 * 3,
+        "num_envs": 16,
+        "episode_steps": 20,
+        "evaluate_every": 100,
+        "evaluation_episodes": 2,
+        "init_critic_iterations": 1,
+        "ppo": PpoConfig(epochs=1, mini_batches=2, critic_hidden_sizes=[16]),
+        "actor": ActorConfig(lstm_size=32, hidden_sizes=[32], thrust_limit_N=60.0),
+    }
+    return TrainExpertConfig(**(options | changes))
+
+
+@pytest.mark.parametrize("with_mass", [False, True])
+def test_demonstrations_are_read_in_order_whatever_the_files(tmp_path, with_mass):
+    states, actions = write_dataset(tmp_path / "demos", episodes=5, steps=7, with_mass=with_mass)
+    episodes = load_demonstrations(find_dataset(str(tmp_path / "demos")))
+    assert len(episodes) == 5
+    for row, (observation, command) in enumerate(episodes):
+        expected = np.delete(states[:, row], 6, axis=1) if with_mass else states[:, row]
+        np.testing.assert_allclose(observation, expected, rtol=1e-6)
+        np.testing.assert_allclose(command, actions[:, row], rtol=1e-6)
+
+
+def test_imitation_learns_the_teacher(tmp_path):
+    write_dataset(tmp_path / "demos")
+    config = small(tmp_path, init_epochs=150)
+    algorithm = make_ppo(config, TrainingTasks(config).reset(0))
+    account = imitate(config, algorithm)
+    assert account["demonstration_frames"] == 24 * 65
+    assert account["imitation_s"] > 0.0
+    policy = MetaRlPolicy(export_actor(config, algorithm))
+    # flown on starts that it has not seen, by the teacher; what would the student have done?
+    teacher = FeedbackPolicy("W")
+    batch = BatchedSpaceDock(16, TASKS["fixed random"])
+    observation = batch.reset(np.arange(500, 516))
+    teacher.reset(16), policy.reset(16)
+    wrong, size = [], []
+    for _ in range(65):
+        command, copied = teacher.act(observation), policy.act(observation)
+        wrong.append((command - copied)[:, :3])
+        size.append(command[:, :3] - command[:, :3].mean())
+        observation = batch.step(command).observation
+    assert np.square(wrong).mean() < 0.2 * np.square(size).mean()
+
+
+def test_the_critic_learns_first(tmp_path):
+    write_dataset(tmp_path / "demos", episodes=4, steps=10)
+    config = small(tmp_path)
+    tasks = TrainingTasks(config)
+    algorithm = make_ppo(config, tasks.reset(0))
+
+    def one_update(frozen):
+        before = {k: v.clone() for k, v in algorithm.actor.state_dict().items() if "normalizer" not in k}
+        critic = algorithm.critic.mlp[0].weight.clone()
+        freeze_actor(algorithm, frozen)
+        collect(algorithm, tasks, 0, config.episode_steps)
+        algorithm.update()
+        changed = any(not torch.equal(v, algorithm.actor.state_dict()[k]) for k, v in before.items())
+        assert not torch.equal(critic, algorithm.critic.mlp[0].weight)
+        return changed
+
+    assert not one_update(True)
+    assert one_update(False)
+
+
+def test_a_training_that_starts_from_demonstrations(tmp_path):
+    write_dataset(tmp_path / "demos", episodes=4, steps=10)
+    train_expert(small(tmp_path, init_epochs=2))
+    account = json.loads((tmp_path / "out" / "training.json").read_text())
+    assert account["demonstration_frames"] == 40
+    assert account["interactions"] == 960
+
+
+def test_what_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_LEROBOT_HOME", str(tmp_path))
+    with pytest.raises(InputError, match=r"meta/info.json"):
+        find_dataset("nobody/nothing")
+    write_dataset(tmp_path / "old", episodes=2, steps=3, version="v2.1")
+    assert find_dataset("old") == tmp_path / "old"
+    with pytest.raises(FileFormatError, match=r"v2.1"):
+        load_demonstrations(tmp_path / "old")
+    write_dataset(tmp_path / "short", episodes=2, steps=3)
+    file = next((tmp_path / "short" / "data").rglob("*.parquet"))
+    table = pq.read_table(file)
+    short = [row[:5] for row in table["action"].to_pylist()]
+    for other in (tmp_path / "short" / "data").rglob("*.parquet"):
+        pq.write_table(table.set_column(1, "action", pa.array(short)), other)
+    with pytest.raises(FileFormatError, match="action of 5 values"):
+        load_demonstrations(tmp_path / "short")
+    pq.write_table(table.drop_columns(["action"]), file)
+    with pytest.raises(FileFormatError, match="cannot read"):
+        load_demonstrations(tmp_path / "short")
