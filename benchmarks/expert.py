@@ -1,6 +1,6 @@
 """Measurements of the expert that stand in docs/experts.md.
 
-python benchmarks/expert.py curves outputs/expert/meta_rl outputs/expert/feed_forward --png docs/images/expert_learning.png
+python benchmarks/expert.py curves outputs/expert/meta_rl outputs/expert/feed_forward
 python benchmarks/expert.py adaptation --checkpoint outputs/expert/feed_forward/policy.safetensors
 python benchmarks/expert.py speed
 """
