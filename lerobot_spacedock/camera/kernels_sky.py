@@ -82,7 +82,7 @@ def _limb(rx, ry, rz, down, gap, sx, sy, sz):
     high = one / (one + h2 * (one + h2 * (half + h2 * sixth)))
     warm = min(max(np.float32(0.2) - sun, zero) * np.float32(4.0), one)
     glow = h * np.float32(0.1) - np.float32(0.95)  # green airglow, a thin layer near 95 km
-    night = np.float32(0.004) / (one + np.float32(60.0) * glow * glow)
+    night = np.float32(0.0009) / (one + np.float32(60.0) * glow * glow)
     red = level * (np.float32(0.45) * low * (one + warm) + np.float32(0.02) * high) + night * np.float32(0.4)
     green = level * (np.float32(0.55) * low + np.float32(0.10) * high) + night
     blue = level * (np.float32(0.65) * low * (one - np.float32(0.6) * warm) + np.float32(0.35) * high)

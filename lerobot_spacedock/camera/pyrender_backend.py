@@ -201,7 +201,9 @@ def _stage_for(scene):
         segments=segments,
         ids=ids,
         sun=stage.add(SunLight(color=[1.0, 1.0, 1.0], intensity=1.0)),
-        earth=stage.add(pyrender.DirectionalLight(color=[1.0, 1.0, 1.0], intensity=1.0), pose=_looking(np.array([1.0, 0, 0]))),
+        earth=stage.add(
+            pyrender.DirectionalLight(color=[1.0, 1.0, 1.0], intensity=1.0), pose=_looking(np.array([1.0, 0, 0]))
+        ),
         lamp=stage.add(pyrender.PointLight(color=[1.0, 1.0, 1.0], intensity=0.0)),
         camera=None,
         segment_camera=None,

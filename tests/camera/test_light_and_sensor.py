@@ -1,0 +1,109 @@
+"""Light and film: what Sun, eclipse, lamp, noise, blur and lens must do to a picture."""
+
+import numpy as np
+import pytest
+
+from lerobot_spacedock.camera import FIXED_SUN_H, CameraConfig, SensorConfig, make_renderer
+from lerobot_spacedock.camera.contact_sheet import ECLIPSE_SUN_H, port_pose
+from lerobot_spacedock.camera.sensor import Sensor, distort
+
+pytestmark = pytest.mark.render
+SUN = FIXED_SUN_H["zvezda_aft"]
+SMALL = {"height": 96, "width": 128}
+
+
+def mean(**options):
+    sun = options.pop("sun", SUN)
+    return make_renderer(CameraConfig(**SMALL, **options)).render(*port_pose("zvezda_aft", 2.0), sun).mean()
+
+
+def test_eclipse_is_dark_without_the_lamp_and_readable_with_it():
+    assert mean(sun=ECLIPSE_SUN_H, lamp="off") < 0.35 * mean()
+    assert mean(sun=ECLIPSE_SUN_H) > 2.0 * mean(sun=ECLIPSE_SUN_H, lamp="off")
+    assert mean(sun=ECLIPSE_SUN_H, lamp="auto") == mean(sun=ECLIPSE_SUN_H, lamp="on")
+
+
+def test_shadows_only_darken_and_exposure_only_brightens():
+    pose = port_pose("zvezda_aft", 3.0)
+    with_shadow = make_renderer(CameraConfig(**SMALL)).render(*pose, SUN).astype(int)
+    without = make_renderer(CameraConfig(**SMALL, shadows=False)).render(*pose, SUN).astype(int)
+    assert (with_shadow <= without).all() and (with_shadow < without).mean() > 0.02
+    assert mean(exposure=0.3) < mean(exposure=0.9) < mean(exposure=2.0)
+
+
+def test_target_is_seen_all_the_way_in():
+    """The white cross stands out of its black plate from 25 m (a few pixels) to 5 cm."""
+    for port in ("zvezda_aft", "harmony_forward"):
+        renderer = make_renderer(CameraConfig(port=port))
+        for d in (3.0, 1.0, 0.5, 0.2, 0.05):
+            image = renderer.render(*port_pose(port, d), FIXED_SUN_H[port]).astype(int)
+            f = 240 / np.tan(np.radians(30))
+            half = max(4, int(0.15 * f / (d + 0.4)))
+            patch = image[240 - half : 240 + half, 320 - half : 320 + half].mean(-1)
+            assert np.ptp(patch) > 90, (port, d)
+
+
+def test_noise_has_the_stated_spread_and_follows_its_generator():
+    sensor = SensorConfig(read_noise=0.02, full_well_electrons=2000.0)
+    camera = Sensor(CameraConfig(height=200, width=200, sensor=sensor))
+    level = 0.4
+    flat = np.full((200, 200, 3), level, np.float32)
+    a = camera.expose(flat, np.random.default_rng(1))
+    b = camera.expose(flat, np.random.default_rng(1))
+    c = camera.expose(flat, np.random.default_rng(2))
+    assert (a == b).all() and (a != c).any()
+    x = a / 255.0
+    linear = np.where(x < 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)  # the sRGB standard's own inverse
+    assert linear.mean() == pytest.approx(level, abs=2e-3)
+    assert linear.std() == pytest.approx(np.sqrt(0.02**2 + level / 2000.0), rel=0.03)
+    fresh = Sensor(CameraConfig(height=200, width=200, sensor=sensor))
+    again = Sensor(CameraConfig(height=200, width=200, sensor=sensor))
+    first, second = fresh.expose(flat, None), fresh.expose(flat, None)
+    assert (first != second).any() and (again.expose(flat, None) == first).all()
+
+
+def test_encoding_is_srgb_to_one_level():
+    camera = Sensor(CameraConfig(height=1, width=1000, sensor=SensorConfig(bloom=1e-9)))
+    ramp = np.repeat(np.linspace(0, 1, 1000, dtype=np.float32)[None, :, None], 3, 2)
+    x = ramp[..., 0].astype(float)
+    standard = 255 * np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    assert np.abs(camera.expose(ramp, None)[..., 0] - standard).max() < 1.6
+
+
+def test_blur_keeps_light_and_widens_a_point():
+    from lerobot_spacedock.camera.sensor import _blur
+
+    point = np.zeros((61, 61, 3), np.float32)
+    point[30, 30] = 1.0
+    out = _blur(point, 2.0)[..., 0].astype(float)
+    assert out.sum() == pytest.approx(1.0, abs=1e-4)
+    y, x = np.mgrid[:61, :61] - 30.0
+    assert (out * x * x).sum() == pytest.approx(4.0, rel=0.03) and (out * y * y).sum() == pytest.approx(4.0, rel=0.03)
+
+
+def test_distortion_moves_points_by_its_formula(tmp_path):
+    """A ball off the axis appears where r (1 + k1 r² + k2 r⁴) puts it."""
+    import trimesh
+
+    sensor = SensorConfig(distortion_k1=-0.18, distortion_k2=0.03)
+    bent = CameraConfig(height=300, width=400, sensor=sensor, shadows=False, lamp="on", exposure=5.0)
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.06)
+    ball.apply_translation([2.0, 0.0, -3.0])
+    path = tmp_path / "ball.stl"
+    ball.export(path)
+    image = (
+        make_renderer(bent, station_mesh=path)
+        .render((0, -5, 0), (0.5**0.5, -(0.5**0.5), 0, 0), SUN)
+        .astype(float)
+        .mean(-1)
+    )
+    f = 150 / np.tan(np.radians(30))
+    straight = np.array([[200 + f * 3 / 5, 150 - f * 2 / 5]])
+    expected = distort(bent, straight)[0]
+    assert np.linalg.norm(expected - straight[0]) > 5
+    j, i = expected.astype(int)
+    window = image[i - 12 : i + 13, j - 12 : j + 13]
+    window = window * (window > 60)
+    y, x = np.mgrid[i - 12 : i + 13, j - 12 : j + 13]
+    found = np.array([(window * x).sum(), (window * y).sum()]) / window.sum() + 0.5
+    assert np.linalg.norm(found - expected) < 0.7

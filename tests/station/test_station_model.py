@@ -1,0 +1,108 @@
+"""The station against the dimensions it was built from, and as geometry that a renderer can trust."""
+
+import numpy as np
+import pytest
+
+from lerobot_spacedock.station import MATERIALS, SEGMENTS, cache, station_for_port
+from lerobot_spacedock.station.mesh import HILL_FROM_STATION, PORT_ORIGIN_S, GRID_m
+
+
+@pytest.fixture(scope="module", params=["low", "high"])
+def station(request):
+    return station_for_port("zvezda_aft", request.param)
+
+
+def extent(mesh, segment):
+    """Lowest and highest corner (2, 3) of a segment in station axes, relative to their origin."""
+    points = mesh.corners[mesh.segment == SEGMENTS.index(segment)].reshape(-1, 3)
+    points = points @ HILL_FROM_STATION + PORT_ORIGIN_S["zvezda_aft"]
+    return points.min(0), points.max(0)
+
+
+def test_levels_of_detail():
+    low, high = (len(station_for_port("zvezda_aft", d)) for d in ("low", "high"))
+    assert 28_000 < low < 46_000 and 95_000 < high < 120_000
+
+
+def test_every_segment_is_there(station):
+    assert {SEGMENTS[s] for s in np.unique(station.segment)} == set(SEGMENTS) - {"sky", "user"}
+    assert station.material.max() < len(MATERIALS)
+
+
+def test_dimensions_are_those_of_the_reference(station):
+    low, high = extent(station, "zvezda")
+    assert high[0] - low[0] == pytest.approx(29.7, abs=0.6)  # arrays, tip to tip
+    low, high = extent(station, "truss")
+    assert low[0] == pytest.approx(-51, abs=0.5) and high[0] == pytest.approx(51, abs=0.5)
+    low, high = extent(station, "arrays")
+    assert high[2] - low[2] == pytest.approx(2 * 37, abs=4) and high[0] == pytest.approx(55.8, abs=0.5)
+    low, high = extent(station, "columbus")
+    assert low[0] < -8.5 and high[0] < 0  # starboard is -x
+    low, high = extent(station, "kibo")
+    assert low[0] > 0 and high[0] > 13  # port is +x
+    low, high = extent(station, "destiny")
+    assert high[1] - low[1] == pytest.approx(8.5, abs=0.1)
+    low, high = extent(station, "nauka")
+    assert high[2] - low[2] == pytest.approx(13.1, abs=1.6)
+
+
+def test_ports_are_53_m_apart_and_face_away():
+    apart = np.subtract(PORT_ORIGIN_S["zvezda_aft"], PORT_ORIGIN_S["harmony_forward"])
+    assert apart[1] == pytest.approx(53.4, abs=0.05)
+    np.testing.assert_allclose(HILL_FROM_STATION @ HILL_FROM_STATION.T, np.eye(3))
+    assert np.linalg.det(HILL_FROM_STATION) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("port", ["zvezda_aft", "harmony_forward"])
+def test_approach_is_free_and_the_target_stands_inside(port):
+    """Nothing within 0.45 m of the axis reaches out of the docking plane; the target's plate is 0.4 m behind it."""
+    mesh = station_for_port(port, "low")
+    outward = -1.0 if port == "zvezda_aft" else 1.0
+    points = mesh.corners.reshape(-1, 3)
+    off_axis = np.hypot(points[:, 0], points[:, 2])
+    reach = outward * points[:, 1]  # metres out of the port
+    assert reach[off_axis < 0.45].max() <= 0.0
+    white = [i for i, m in enumerate(MATERIALS) if m.name.startswith("target_")]
+    on_target = np.isin(mesh.material, white) & (np.hypot(mesh.corners[..., 0], mesh.corners[..., 2]).max(1) < 0.17)
+    depth = -outward * mesh.corners[on_target][..., 1]
+    assert depth.min() > 0.30 and depth.max() < 0.42
+
+
+def test_no_ship_is_at_the_free_ports(station):
+    ships = [SEGMENTS.index(s) for s in ("soyuz", "progress", "dragon")]
+    nearest = np.linalg.norm(station.corners[np.isin(station.segment, ships)], axis=-1).min()
+    assert nearest > 8.0
+
+
+def test_corners_lie_on_the_grid_and_normals_agree_with_the_faces(station):
+    off = np.abs(station.corners / GRID_m - np.round(station.corners / GRID_m)).max()
+    assert off < 1e-3
+    e1, e2 = station.corners[:, 1] - station.corners[:, 0], station.corners[:, 2] - station.corners[:, 0]
+    face = np.cross(e1, e2)
+    size = np.linalg.norm(face, axis=1)
+    assert size.min() > 0
+    agree = np.einsum("fi,fci->fc", face / size[:, None], station.normals)
+    assert (agree.min(axis=1) > 0.2).mean() > 0.995
+    np.testing.assert_allclose(np.linalg.norm(station.normals, axis=-1), 1.0, atol=1e-3)
+
+
+def test_two_builds_are_equal_with_and_without_the_cache(monkeypatch, tmp_path):
+    monkeypatch.setenv("SPACEDOCK_CACHE", str(tmp_path / "a"))
+    first = station_for_port("zvezda_aft", "low")
+    stored = station_for_port("zvezda_aft", "low")
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv("SPACEDOCK_CACHE", str(tmp_path / "file"))
+    anew = station_for_port("zvezda_aft", "low")
+    for other in (stored, anew):
+        assert (first.corners == other.corners).all() and (first.normals == other.normals).all()
+    assert list((tmp_path / "a").glob("station-*.npz"))
+
+
+def test_a_damaged_cache_is_made_anew(monkeypatch, tmp_path):
+    monkeypatch.setenv("SPACEDOCK_CACHE", str(tmp_path))
+    source = __file__
+    assert cache.cached_arrays("x", source, lambda: {"a": np.arange(3)})["a"].tolist() == [0, 1, 2]
+    (path,) = tmp_path.glob("x-*.npz")
+    for damage in (b"", b"PK\x03\x04 cut short", path.read_bytes()[:60]):
+        path.write_bytes(damage)
+        assert cache.cached_arrays("x", source, lambda: {"a": np.arange(3)})["a"].tolist() == [0, 1, 2]
