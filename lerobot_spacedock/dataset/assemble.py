@@ -6,6 +6,7 @@ import logging
 import shutil
 from pathlib import Path
 
+from lerobot_spacedock.dataset.card import write_card
 from lerobot_spacedock.dataset.job import Job, Plan
 from lerobot_spacedock.dataset.provenance import write_dataset_facts, write_episode_rows
 from lerobot_spacedock.dataset.record import free_space, quiet_encoders
@@ -42,6 +43,7 @@ def assemble(job: Job) -> ShardSummary:
         write_episode_rows(complete, total.rows)
         facts = plan.facts | {"left_out": total.left_out} if total.left_out else plan.facts
         write_dataset_facts(complete, facts, plan.layout.columns())
+        write_card(complete, plan.layout.repo_id)
     except (OSError, RuntimeError) as error:
         raise SpaceDockError(
             f"{complete}: putting the shards together failed ({error}). {free_space(job.folder)} "
