@@ -1,0 +1,178 @@
+"""The check finds what it is for: every kind of damage, done to a good dataset, is named."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from dataset_samples import HEIGHT, WIDTH
+
+from lerobot_spacedock.camera import CameraConfig
+from lerobot_spacedock.dataset.check import CheckConfig, check
+from lerobot_spacedock.dataset.convert import ConvertConfig, convert
+from lerobot_spacedock.dataset.integrity import check_dataset
+from lerobot_spacedock.dataset.record import Storage
+from lerobot_spacedock.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def good(log_folder, tmp_path_factory):
+    root = tmp_path_factory.mktemp("check") / "good"
+    convert(ConvertConfig(str(log_folder), "test/good", root=str(root), images="none", num_workers=1))
+    return root
+
+
+@pytest.fixture
+def copy(good, tmp_path):
+    return shutil.copytree(good, tmp_path / "copy")
+
+
+def edit(root, column: str, change) -> None:
+    """Applies ``change`` to a column, (n, d), of the first data file."""
+    path = root / "data" / "chunk-000" / "file-000.parquet"
+    table = pq.read_table(path)
+    index = table.column_names.index(column)
+    values = np.array(table.column(column).to_pylist())
+    flat = values[:, None] if values.ndim == 1 else values
+    changed = change(flat.copy())
+    changed = changed[:, 0] if values.ndim == 1 else changed
+    field = table.schema.field(column)
+    table = table.set_column(index, field, pa.array(changed.tolist(), field.type))
+    pq.write_table(table, path)
+
+
+def edit_json(root, name: str, change) -> None:
+    path = root / "meta" / name
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+def put(row: int, column: int, value: float):
+    def change(values):
+        values[row, column] = value
+        return values
+
+    return change
+
+
+def swap_rows(values):
+    values[[20, 30]] = values[[30, 20]]
+    return values
+
+
+def copy_episode(root) -> None:
+    """The first frames of episode 0 written over those of episode 1, for all columns that tell them apart."""
+    reader_lengths = pq.read_table(root / "meta" / "episodes" / "chunk-000" / "file-000.parquet")["length"].to_pylist()
+    first, second = reader_lengths[:2]
+    shorter = min(first, second)
+
+    def change(values):
+        values[first : first + shorter] = values[:shorter]
+        return values
+
+    for column in ("observation.state", "action", "true_state", "executed_action", "control_dt", "sim_time"):
+        edit(root, column, change)
+
+
+DAMAGE = {
+    "not a number": (lambda r: edit(r, "action", put(7, 2, np.nan)), r"episode 0, frame 7: action is not finite"),
+    "quaternion": (lambda r: edit(r, "true_state", put(9, 8, 0.9)), "episode 0, frame 9: the quaternion"),
+    "time": (lambda r: edit(r, "sim_time", put(5, 0, 1.0)), "sim_time does not advance by control_dt"),
+    "step": (lambda r: edit(r, "control_dt", put(5, 0, -0.9)), "control_dt is not positive"),
+    "timestamp": (lambda r: edit(r, "timestamp", put(5, 0, 4.9)), "timestamp is not frame_index / fps"),
+    "frame index": (lambda r: edit(r, "frame_index", put(5, 0, 50)), "frame_index does not count"),
+    "swapped states": (lambda r: edit(r, "true_state", swap_rows), "does not follow from the command"),
+    "swapped commands": (lambda r: edit(r, "executed_action", swap_rows), "does not follow from the command"),
+    "shifted position": (lambda r: edit(r, "true_state", put(12, 0, 0.2)), "position_m off by"),
+    "mass": (lambda r: edit(r, "true_state", put(12, 6, 1001.0)), "the mass grows"),
+    "done": (lambda r: edit(r, "next.done", put(3, 0, True)), "next.done"),
+    "far away": (lambda r: edit(r, "true_state", put(3, 1, -5e4)), "farther than"),
+    "mean": (
+        lambda r: edit_json(r, "stats.json", lambda s: s["action"]["mean"].__setitem__(1, 3.0)),
+        r"mean of action\[Ty\] is 3",
+    ),
+    "std of the mass": (
+        lambda r: edit_json(r, "stats.json", lambda s: s["true_state"]["std"].__setitem__(6, 0.7)),
+        r"std of true_state\[mass\] is 0\.7",
+    ),
+    "frames": (lambda r: edit_json(r, "info.json", lambda i: i.update(total_frames=1)), "total_frames is 1"),
+    "shape": (
+        lambda r: edit_json(r, "info.json", lambda i: i["features"]["action"].update(shape=[7])),
+        r"'action' is float32 \[7\]",
+    ),
+    "no action": (lambda r: edit_json(r, "info.json", lambda i: i["features"].pop("action")), "'action' is missing"),
+    "old": (lambda r: edit_json(r, "info.json", lambda i: i.update(codebase_version="v2.1")), "v2.1; v3.0 is needed"),
+    "truncated": (
+        lambda r: (r / "data/chunk-000/file-000.parquet").write_bytes(
+            (r / "data/chunk-000/file-000.parquet").read_bytes()[:5000]
+        ),
+        r"file-000\.parquet: not a readable",
+    ),
+    "no data": (lambda r: shutil.rmtree(r / "data"), "the data hold 0"),
+    "no info": (lambda r: (r / "meta/info.json").unlink(), r"info\.json: missing"),
+    "not JSON": (lambda r: (r / "meta/info.json").write_text("{"), r"info\.json: not JSON"),
+}
+
+
+def test_a_good_dataset_passes(good):
+    report = check_dataset(good)
+    assert (report.errors, report.episodes) == ([], 5)
+    assert report.worst["position_m"] < 1e-5
+    assert report.checks["dynamics"] == 5
+
+
+@pytest.mark.parametrize("name", DAMAGE)
+def test_damage_is_named(copy, name):
+    damage, message = DAMAGE[name]
+    damage(copy)
+    report = check_dataset(copy)
+    assert not report.ok
+    assert any(re.search(message, error) for error in report.errors), report.errors
+
+
+def test_a_duplicate_is_found(good, log_folder, tmp_path):
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    source = min(log_folder.iterdir())
+    for name in ("episode_000001.parquet", "episode_000002.parquet"):
+        shutil.copy(source, logs / name)
+    root = tmp_path / "twice"
+    convert(ConvertConfig(str(logs), "test/twice", root=str(root), images="none", num_workers=1))
+    assert "episode 1: is the same as episode 0." in check_dataset(root).errors
+
+
+def test_the_verb_fails_for_a_pipeline_and_writes_its_report(good, copy, tmp_path, capsys):
+    assert check(CheckConfig(root=str(good), json=str(tmp_path / "ok.json"))) == 0
+    edit(copy, "executed_action", swap_rows)
+    assert check(CheckConfig(root=str(copy), json=str(tmp_path / "bad.json"))) == 1
+    assert json.loads((tmp_path / "ok.json").read_text())["ok"] is True
+    assert json.loads((tmp_path / "bad.json").read_text())["errors"]
+    assert "does not follow" in capsys.readouterr().out
+    with pytest.raises(InputError, match="--root"):
+        check(CheckConfig(root=str(tmp_path)))
+
+
+@pytest.mark.render
+@pytest.mark.parametrize("kind", ["video", "image"])
+def test_pictures_are_drawn_again_and_a_shifted_one_is_found(flights, tmp_path, kind):
+    """Frames one step late, as a dropped frame leaves them, are nearer to their neighbour's state than to their own."""
+    from dataset_samples import short
+
+    from lerobot_spacedock.episode_log import write_episode_log
+
+    logs = tmp_path / "logs"
+    write_episode_log(logs / "episode_000001.parquet", short(flights[0], 8))
+    root = tmp_path / "d"
+    camera = CameraConfig(height=2 * HEIGHT, width=2 * WIDTH, samples=1, shadows=False)
+    options = {"camera": camera, "num_workers": 1, "storage": Storage(kind, crf=18)}
+    convert(ConvertConfig(str(logs), "test/drawn", root=str(root), **options))
+    report = check_dataset(root, sample_frames=8)
+    assert report.errors == []
+    assert report.psnr_dB[0] > (60.0 if kind == "image" else 25.0)
+    edit(root, "true_state", lambda values: np.roll(values, 1, axis=0))
+    found = check_dataset(root, sample_frames=8).errors
+    assert any("shows a neighbouring state" in error for error in found)
