@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import prange
 
 from lerobot_spacedock.env.random import STREAM_NEXT, STREAM_NOISE, bits, normal_pair
@@ -154,8 +155,8 @@ def step_row(i, action, grid, sim, task):
 @jit
 def step_rows(first, last, action, grid, sim, task):
     """Flies rows ``first`` to ``last`` - 1 over one step."""
-    for i in range(first, last):
-        step_row(i, action, grid, sim, task)
+    for k in range(first, last):
+        step_row(np.uintp(k), action, grid, sim, task)  # unsigned: no test for negative indices
 
 
 @jit(parallel=True)
@@ -169,7 +170,8 @@ def step_parallel(blocks, action, grid, sim, task):
 @jit
 def observe_rows(first, last, sim, out):
     """Fills ``out`` (N, 14) float64 with what the sensors give, in the dataset's order and units (deg/s)."""
-    for i in range(first, last):
+    for k in range(first, last):
+        i = np.uintp(k)
         s, sensor = sim.state, sim.sensor
         for j in range(14):
             out[i, j] = s[i, j]

@@ -1,6 +1,6 @@
 """The reward: terms that are functions of their own; Numba rows for the steps, NumPy for the terminal bonus.
 
-Per step ``scale * (alive - Σ weight_i * cost_i)``. Each cost is a logarithmic well: quadratic where the error is small
+Per step ``scale * (alive - Σ weight_i * cost_i)``. Each cost is a bounded logarithmic well: quadratic where the error is small
 against its scale, so that the best behaviour is a smooth one, and logarithmic far away, so that metres and centimetres,
 tumbling and a tenth of a degree are felt alike and no single term drowns the others. At the end of an episode
 ``scale * terminal * Σ bonus_j`` on top, each bonus in [0, 1] times its published factor.
@@ -75,10 +75,14 @@ def packed_weights(config: RewardConfig) -> np.ndarray:
     return np.concatenate([scalars, speed_profile(config).sampled(TABLE_SPACING_m, TABLE_SIZE)])
 
 
+# bounds every cost; reached at 22,000 scales, which no flight inside the volume does
+LOG_WELL_CAP = 10.0
+
+
 @jit(inline="always")
 def log_well(value, scale):
-    """``½ ln(1 + (value / scale)²)``."""
-    return 0.5 * math.log1p((value / scale) ** 2)
+    """``½ ln(1 + (value / scale)²)``, at most ``LOG_WELL_CAP``."""
+    return min(0.5 * math.log1p((value / scale) ** 2), LOG_WELL_CAP)
 
 
 @jit
