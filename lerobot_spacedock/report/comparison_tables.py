@@ -34,18 +34,20 @@ STATISTICS = {
 def intervals_table(study: Study, resamples: int) -> Table:
     """Bootstrap intervals of means and percentiles."""
     head = ("set", "run", "metric", "n", *STATISTICS)
-    rows = []
+    rows, remarks = [], set()
     for conditions, run, e in study.groups():
         for name in COMPARED:
             values = e.values(name)
             cells = []
             for statistic in STATISTICS.values():
                 b = bootstrap(values, statistic, resamples=resamples)
+                remarks |= {f"{run.label}, {conditions}, {_named(name)}: {b.note}." for _ in [0] if b.note}
                 cells.append(interval(b.estimate, b.low, b.high))
             rows.append((conditions, run.label, _named(name), integer(len(values)), *cells))
     notes = (
         f"Brackets: 95 % percentile bootstrap intervals, {resamples:,} resamples of episodes, fixed seed. High "
         "percentiles of few episodes hang on the worst one or two: their intervals end there.",
+        *sorted(remarks),
     )
     return Table("intervals", "Bootstrap intervals", head, tuple(rows), notes, 3)
 

@@ -1,6 +1,8 @@
 """Per-episode metrics against closed forms and hand-made logs."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lerobot_spacedock.episode_log import EpisodeLog
-from lerobot_spacedock.metrics.catalog import NAMES
+from lerobot_spacedock.metrics.catalog import CATALOG, NAMES
 from lerobot_spacedock.metrics.crossing import closest_approach, plane_crossing, range_rate
 from lerobot_spacedock.metrics.effort import delta_v, effort
 from lerobot_spacedock.metrics.episode import corridor_margin, episode_metrics
@@ -206,3 +208,9 @@ def test_visits_far_outside_are_counted_apart():
     cells = count_cells(np.array([0.0, 500.0]), np.array([0.0, 0.0]))
     assert (cells.outside, cells.total) == (1, 2)
     assert density(cells, (-1, 1), (-1, 1))[2].sum() * CELL_M**2 == pytest.approx(0.5, abs=0.01)
+
+
+def test_the_documentation_lists_every_metric():
+    text = (Path(__file__).parents[2] / "docs" / "metrics.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `(\w+)` \| [^|]+ \| ([^|]+) \|$", text, flags=re.M)
+    assert listed == [(metric.name, metric.meaning) for metric in CATALOG]

@@ -14,7 +14,7 @@ NOMINAL = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])
 def fly(seed: int, *, jitter: float = 0.0, gain: float = 1.0, steps: int | None = None, **metadata) -> EpisodeLog:
     """One approach: x and z to the axis, y to the port, with command noise of ``jitter`` newtons."""
     start = np.random.default_rng(seed)
-    rng = np.random.default_rng([seed, int(jitter * 1000), int(gain * 1000)])
+    rng = np.random.default_rng([seed, int(jitter * 1000), int((gain + 10) * 1000)])
     count = steps if steps is not None else int(start.integers(61, 71))
     dt = np.clip(start.normal(0.907, 0.077, count), 0.6, 1.25)
     r = np.array([start.uniform(-1, 1), start.uniform(-26, -24), start.uniform(-1, 1)])
