@@ -108,6 +108,8 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
     except FileNotFoundError as error:
         raise InputError("--config_path", error.filename, "an existing YAML or JSON file") from error
     except (DraccusException, argparse.ArgumentError) as error:
+        if isinstance(error.__cause__, InputError):  # a config's own check, which names the field and the remedy
+            raise error.__cause__ from None
         raise InputError(prog, str(error), " ".join(known)) from error
     if unknown:
         flag = unknown[0].split("=", 1)[0]

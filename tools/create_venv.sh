@@ -19,13 +19,12 @@ while read -r candidate; do
     if "$candidate" -c "$wanted" >/dev/null 2>&1; then python=$candidate; break; fi
 done < <(candidates)
 
-rm -rf "$venv"
 if [ -n "$python" ]; then
     echo "creating $venv with $("$python" --version) ($("$python" -c 'import sys; print(sys.executable)'))"
-    "$python" -m venv "$venv"
+    "$python" -m venv --clear "$venv"
 elif [ -z "${PYTHON:-}" ] && uv --version >/dev/null 2>&1; then
     echo "no Python 3.12 or 3.13 with venv found: letting uv provide one"
-    uv venv --seed --python '>=3.12,<3.14' "$venv"
+    uv venv --seed --clear --python '>=3.12,<3.14' "$venv"
 else
     echo "error: needs Python 3.12 or 3.13 with its venv module${PYTHON:+ (PYTHON=$PYTHON is not one)}." \
          "Install one (Debian, Ubuntu: apt install python3.12-venv; or https://docs.astral.sh/uv) and run make again." >&2

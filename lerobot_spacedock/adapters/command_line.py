@@ -9,10 +9,35 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from draccus.utils import DecodingError
+
+from lerobot_spacedock.errors import InputError, SpaceDockError
+
 COMMANDS = ("lerobot_eval", "lerobot_train")
+
+
+class OptionError(SpaceDockError, DecodingError):
+    """An option that cannot be used, as draccus raises it: LeRobot's commands print it as one line and stop.
+
+    An ``InputError`` from a config's constructor would be a ``ValueError``, which draccus hides behind its own.
+    """
+
+    def __init__(self, error: InputError) -> None:
+        DecodingError.__init__(self, (), str(error))
+
+
+@contextmanager
+def option_errors() -> Iterator[None]:
+    """Turns an ``InputError`` inside into an ``OptionError``."""
+    try:
+        yield
+    except InputError as error:
+        raise OptionError(error) from error
 
 
 def running_command() -> str | None:

@@ -17,6 +17,7 @@ from lerobot.processor.pipeline import ObservationProcessorStep
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE, OBS_STR
 
 from lerobot_spacedock.adapters import command_line
+from lerobot_spacedock.adapters.command_line import option_errors
 from lerobot_spacedock.adapters.evaluation_log import EvaluationLog, evaluation_folder
 from lerobot_spacedock.adapters.vector_env import LoggingAsyncVectorEnv, LoggingSyncVectorEnv
 from lerobot_spacedock.camera.config import CameraConfig
@@ -127,11 +128,12 @@ class SpaceDockEnvConfig(EnvConfig):
         """The environment's configuration that these options make.
 
         Raises:
-            InputError: an unknown task, or an option out of its range.
+            OptionError: an unknown task, or an option out of its range.
         """
-        if self.task not in ENV_IDS:
-            raise InputError("--env.task", self.task, " | ".join(ENV_IDS))
-        return SpaceDockConfig.from_options(env_id=self.task, **(ENV_IDS[self.task] | self.gym_kwargs))
+        with option_errors():
+            if self.task not in ENV_IDS:
+                raise InputError("--env.task", self.task, " | ".join(ENV_IDS))
+            return SpaceDockConfig.from_options(env_id=self.task, **(ENV_IDS[self.task] | self.gym_kwargs))
 
     def create_envs(self, n_envs: int, use_async_envs: bool = False) -> dict[str, dict[int, gym.vector.VectorEnv]]:
         """``{"spacedock": {0: vector env}}``, as LeRobot's evaluation takes it.

@@ -15,7 +15,7 @@ from lerobot_spacedock.camera.config import CameraConfig
 from lerobot_spacedock.dataset.schema import features as dataset_features
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.env.registration import ENV_IDS
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, SpaceDockError
 
 SMALL = CameraConfig(height=24, width=32, samples=1, shadows=False)
 
@@ -78,8 +78,19 @@ def test_what_a_policy_is_given_is_what_the_features_promise():
     ],
 )
 def test_a_bad_option_is_refused_before_anything_is_made(options, fragment):
-    with pytest.raises(InputError, match=fragment):
+    with pytest.raises(SpaceDockError, match=fragment):
         make_env_config("spacedock", **options)
+
+
+def test_lerobots_command_prints_a_bad_option_as_one_clear_line(monkeypatch, capsys):
+    from lerobot.scripts.lerobot_eval import eval_main
+
+    monkeypatch.setattr(sys, "argv", ["lerobot-eval", "--env.type=spacedock", "--env.initial_conditions=samme"])
+    with pytest.raises(SystemExit) as stopped:
+        eval_main()
+    assert stopped.value.code == 1
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error:")]
+    assert line == "error: initial_conditions: got samme; allowed: same | random | same_dispersed | wide."
 
 
 def test_an_action_that_is_not_a_number_is_refused():

@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from lerobot_spacedock import cli
+from lerobot_spacedock.camera.config import CameraConfig
 from lerobot_spacedock.errors import InputError
 
 
@@ -24,6 +25,11 @@ class Config:
     overwrite: bool = False  # replace what is there
     runs: list[str] = dataclasses.field(default_factory=list)  # label=folder
     camera: Camera = dataclasses.field(default_factory=Camera)  # the camera
+
+
+@dataclasses.dataclass(frozen=True)
+class Checked:
+    camera: CameraConfig = dataclasses.field(default_factory=CameraConfig)  # the camera
 
 
 def parse(*arguments):
@@ -75,6 +81,11 @@ def test_bad_flags_name_the_flag_and_the_remedy(arguments, fragments):
         parse(*arguments)
     for fragment in fragments:
         assert fragment in str(caught.value)
+
+
+def test_a_configs_own_check_is_what_the_user_reads():
+    with pytest.raises(InputError, match=r"camera\.height: got 0; allowed: a whole number"):
+        cli.parse_config(Checked, ["--camera.height=0"], prog="spacedock demos")
 
 
 def test_an_unknown_key_in_the_config_file_is_named(tmp_path):

@@ -30,7 +30,8 @@ class ExpertConfig(PreTrainedConfig):
         super().__post_init__()
         if self.port is None:
             self.port = command_line.env_option("port") or "zvezda_aft"
-        get_port(self.port)
+        with command_line.option_errors():
+            get_port(self.port)
 
     def validate_features(self) -> None:
         """Raises InputError unless the state is observed whole and the action is a body wrench."""
