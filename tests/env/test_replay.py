@@ -120,7 +120,7 @@ def test_any_start_or_grid_is_flown_or_refused_clearly(state, steps):
         try:
             value = check()
         except InputError as error:
-            assert "allowed:" in str(error)
+            assert "allowed:" in str(error)  # noqa: PT017
         else:
             assert np.isfinite(value).all()
 
