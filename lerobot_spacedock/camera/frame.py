@@ -23,12 +23,12 @@ from .kernels_sky import paint_sky, paint_stars, project_stars
 
 
 @jit(nogil=True)
-def draw_frame(corners, faces, clusters, spheres, table, materials, texels, maps, map_start, map_size, map_affine,
+def draw_frame(corners, faces, clusters, spheres, table, materials, texels, maps, map_start, map_size, map_affine, map_reach,
                earth, stars, star_gain, light, rot, eye, view, width, height, rows, offsets, xy, plane, linear,
                out):  # fmt: skip
     """Draw into ``out`` (H*W*3 uint8), or into ``linear`` (H*W*3 float32) where that is not empty."""
     samples = offsets.shape[0]
-    n = project(corners, faces, clusters, spheres, rot, eye, view, width, height, xy, plane)
+    n = project(corners, faces, clusters, spheres, rot, eye, view, width, height, samples, xy, plane)
     start, items = bin_bands(xy, n, height, rows)
     ramp = np.arange(width).astype(np.float32)
     depth = np.empty(rows * samples * width, np.float32)
@@ -40,6 +40,7 @@ def draw_frame(corners, faces, clusters, spheres, table, materials, texels, maps
     sky = np.empty(rows * width, np.float32)
     colour = np.empty(rows * width * 3, np.float32)
     scratch = np.zeros(SCRATCH_ROWS * CHUNK, np.float32)
+    place = np.zeros(2 * CHUNK, np.int64)
     found = np.empty((stars.shape[0], 5))
     n_stars = project_stars(stars, rot, view, width, height, found) if star_gain > 0.0 else 0
     for band in range(start.shape[0] - 1):
@@ -55,7 +56,7 @@ def draw_frame(corners, faces, clusters, spheres, table, materials, texels, maps
         for k0 in range(0, count, CHUNK):
             m = min(CHUNK, count - k0)
             locate(k0, m, frag_x, frag_y, frag_tri, plane, table, materials, rot, eye, view, scratch)
-            shade_shadow(m, light, maps, map_start, map_size, map_affine, scratch)
+            shade_shadow(m, light, maps, map_start, map_size, map_affine, map_reach, scratch, place)
             clothe(m, materials, texels, scratch)
             lighten(m, light, scratch)
             tone_map(m, scratch)
@@ -74,7 +75,7 @@ def draw_frame(corners, faces, clusters, spheres, table, materials, texels, maps
 def draw_geometry(corners, faces, clusters, spheres, segment, rot, eye, view, width, height, far, xy, plane):
     """Depth along the view axis (H, W) float32 m and segment (H, W) uint8 at each pixel's centre."""
     offsets = np.array([0.5])
-    n = project(corners, faces, clusters, spheres, rot, eye, view, width, height, xy, plane)
+    n = project(corners, faces, clusters, spheres, rot, eye, view, width, height, 1, xy, plane)
     start, items = bin_bands(xy, n, height, height)
     ramp = np.arange(width).astype(np.float32)
     depth = np.zeros(height * width, np.float32)

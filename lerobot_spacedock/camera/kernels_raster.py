@@ -18,7 +18,7 @@ SAMPLE_X_4 = (0.375, 0.875, 0.125, 0.625)  # rotated grid: sample rows are 1/4 p
 
 
 @jit(nogil=True)
-def _emit(ax, ay, aw, bx, by, bw, cx, cy, cw, width, height, xy, plane, n):
+def _emit(ax, ay, aw, bx, by, bw, cx, cy, cw, width, height, grain, xy, plane, n):
     """Store one projected triangle, its corners sorted by row; → number stored so far."""
     if ay > by:
         ax, ay, aw, bx, by, bw = bx, by, bw, ax, ay, aw
@@ -27,6 +27,11 @@ def _emit(ax, ay, aw, bx, by, bw, cx, cy, cw, width, height, xy, plane, n):
     if ay > by:
         ax, ay, aw, bx, by, bw = bx, by, bw, ax, ay, aw
     if cy <= 0.0 or ay >= height or max(ax, bx, cx) <= 0.0 or min(ax, bx, cx) >= width:
+        return n
+    # samples stand on a lattice of ``grain`` a pixel: a speck that holds no row or column of it leaves no trace
+    if math.ceil(ay * grain - 0.5) == math.ceil(cy * grain - 0.5):
+        return n
+    if math.ceil(min(ax, bx, cx) * grain - 0.5) == math.ceil(max(ax, bx, cx) * grain - 0.5):
         return n
     det = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
     if not abs(det) > 1e-9:
@@ -39,7 +44,7 @@ def _emit(ax, ay, aw, bx, by, bw, cx, cy, cw, width, height, xy, plane, n):
 
 
 @jit(nogil=True)
-def project(corners, planes, clusters, spheres, rot, eye, view, width, height, xy, plane):
+def project(corners, planes, clusters, spheres, rot, eye, view, width, height, samples, xy, plane):
     """Cull by cluster and by face, transform, clip at the near plane and project.
 
     Args:
@@ -50,11 +55,13 @@ def project(corners, planes, clusters, spheres, rot, eye, view, width, height, x
         rot: (3, 3) float64; rows are the camera's right, down and forward axes.
         eye: (3,) float64 m.
         view: (5,) float64; fx, fy, cx, cy in pixels and the near distance in metres.
+        samples: samples a pixel, 1 or 4.
         xy, plane: outputs, (2F, 6) and (2F, 4) float64: corners by row; 1/z as an affine function, triangle number.
 
     Returns:
         The number of projected triangles.
     """
+    grain = 4.0 if samples == 4 else 1.0
     fx, fy, cx, cy, near = view[0], view[1], view[2], view[3], view[4]
     n = 0
     left, right = cx / fx, (width - cx) / fx
@@ -101,7 +108,7 @@ def project(corners, planes, clusters, spheres, rot, eye, view, width, height, x
                     cx + fx * px[0] * wa, cy + fy * py[0] * wa, wa,
                     cx + fx * px[1] * wb, cy + fy * py[1] * wb, wb,
                     cx + fx * px[2] * wc, cy + fy * py[2] * wc, wc,
-                    width, height, xy, plane, n,
+                    width, height, grain, xy, plane, n,
                 )  # fmt: skip
             else:
                 count = 0
@@ -132,9 +139,9 @@ def project(corners, planes, clusters, spheres, rot, eye, view, width, height, x
                         else:
                             x3, y3, w3 = sx, sy, w
                         count += 1
-                n = _emit(x0, y0, w0, x1, y1, w1, x2, y2, w2, width, height, xy, plane, n)
+                n = _emit(x0, y0, w0, x1, y1, w1, x2, y2, w2, width, height, grain, xy, plane, n)
                 if count == 4:
-                    n = _emit(x0, y0, w0, x2, y2, w2, x3, y3, w3, width, height, xy, plane, n)
+                    n = _emit(x0, y0, w0, x2, y2, w2, x3, y3, w3, width, height, grain, xy, plane, n)
             for m in range(first, n):
                 plane[m, 3] = f
     return n

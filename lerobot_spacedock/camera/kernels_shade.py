@@ -21,8 +21,10 @@ _START = np.array(LEVEL_START, np.int64)
 
 # rows of the scratch array
 NX, NY, NZ, VX, VY, VZ, AR, AG, AB, ROUGH, F0, METAL, AO, SUN, EMIT, DIST, OUT_R, OUT_G, OUT_B = range(19)
-PX, PY, PZ, TU, TV, FOOT, UX, UY, UZ, WX, WY, WZ, KIND = range(16, 29)  # the first three are free until OUT is written
-SCRATCH_ROWS = 29
+PX, PY, PZ, TU, TV, FOOT, UX, UY, UZ, WX, WY, WZ, KIND, FU, FV, HIGH = range(
+    16, 32
+)  # the first three are free until OUT is written
+SCRATCH_ROWS = 32
 
 # places in the light array: Sun direction, Sun colour, Earth colour, fill colour, lamp, exposure
 SUN_DIR, SUN_RGB, EARTH_RGB, FILL_RGB, LAMP_RGB, EXPOSURE, LAMP_SOFT_m2, LAMP_ON = 0, 3, 6, 9, 12, 15, 16, 17
@@ -149,42 +151,48 @@ def locate(k0, n, frag_x, frag_y, frag_tri, plane, table, materials, rot, eye, v
 
 
 @jit(nogil=True)
-def shade_shadow(n, light, maps, map_start, map_size, map_affine, s):
-    """Share of the Sun that reaches n fragments (0..1): the tightest map that holds the point, four taps, bilinear."""
+def shade_shadow(n, light, maps, map_start, map_size, map_affine, map_reach, s, place):
+    """Share of the Sun that reaches n fragments (0..1): the tightest map around the point, four taps, bilinear.
+
+    Two loops: the first finds the texels without branches, so that in the second many slow reads are under way at once.
+    """
     one, zero = np.float32(1.0), np.float32(0.0)
     sx, sy, sz = light[0], light[1], light[2]
-    cascades = map_size.shape[0]
+    if map_size.shape[0] == 0 or light[3] <= zero:
+        lit = one if light[3] > zero else zero
+        for k in range(n):
+            s[SUN * CHUNK + k] = lit
+        return
+    tight, middle = map_reach[0], map_reach[1]
     for k in range(n):
         nx, ny, nz = s[NX * CHUNK + k], s[NY * CHUNK + k], s[NZ * CHUNK + k]
-        lit = zero
-        if light[3] > zero and nx * sx + ny * sy + nz * sz > zero:
-            lit = one
-            x, y, z = s[PX * CHUNK + k], s[PY * CHUNK + k], s[PZ * CHUNK + k]
-            # far from the port the tight maps need not be tried
-            near = max(abs(x), abs(y), abs(z)) < np.float32(9.0)
-            for c in range(0 if near else cascades - 1, cascades):
-                size = map_size[c]
-                push = map_affine[c, 12]
-                qx, qy, qz = x + nx * push, y + ny * push, z + nz * push
-                u = map_affine[c, 0] * qx + map_affine[c, 1] * qy + map_affine[c, 2] * qz + map_affine[c, 3]
-                v = map_affine[c, 4] * qx + map_affine[c, 5] * qy + map_affine[c, 6] * qz + map_affine[c, 7]
-                edge = np.float32(size - 2)
-                if u < one or v < one or u >= edge or v >= edge:
-                    continue
-                iu, iv = int(u), int(v)
-                h = map_affine[c, 8] * qx + map_affine[c, 9] * qy + map_affine[c, 10] * qz + map_affine[c, 11]
-                fu, fv = u - np.float32(iu), v - np.float32(iv)
-                p = map_start[c] + iv * size + iu
-                q = p + size
-                a = zero if maps[np.uint64(p)] > h else one
-                b = zero if maps[np.uint64(p + 1)] > h else one
-                d = zero if maps[np.uint64(q)] > h else one
-                e = zero if maps[np.uint64(q + 1)] > h else one
-                top = a + fu * (b - a)
-                low = d + fu * (e - d)
-                lit = top + fv * (low - top)
-                break
-        s[SUN * CHUNK + k] = lit
+        x, y, z = s[PX * CHUNK + k], s[PY * CHUNK + k], s[PZ * CHUNK + k]
+        away = x * x + y * y + z * z
+        c = np.uint32(int(away > tight) + int(away > middle))
+        push = map_affine[c, 12]
+        x, y, z = x + nx * push, y + ny * push, z + nz * push
+        u = map_affine[c, 0] * x + map_affine[c, 1] * y + map_affine[c, 2] * z + map_affine[c, 3]
+        v = map_affine[c, 4] * x + map_affine[c, 5] * y + map_affine[c, 6] * z + map_affine[c, 7]
+        edge = np.float32(map_size[c] - 2)
+        u, v = min(max(u, zero), edge), min(max(v, zero), edge)
+        iu, iv = int(u), int(v)
+        faces_sun = nx * sx + ny * sy + nz * sz > zero
+        s[FU * CHUNK + k], s[FV * CHUNK + k] = u - np.float32(iu), v - np.float32(iv)
+        h = map_affine[c, 8] * x + map_affine[c, 9] * y + map_affine[c, 10] * z + map_affine[c, 11]
+        s[HIGH * CHUNK + k] = h if faces_sun else np.float32(-2e9)  # below everything: dark
+        place[2 * k] = map_start[c] + iv * map_size[c] + iu if faces_sun else 0
+        place[2 * k + 1] = map_size[c]
+    for k in range(n):
+        h, fu, fv = s[HIGH * CHUNK + k], s[FU * CHUNK + k], s[FV * CHUNK + k]
+        p, size = np.uint64(place[2 * k]), np.uint64(place[2 * k + 1])
+        q = p + size
+        a = zero if maps[p] > h else one
+        b = zero if maps[p + np.uint64(1)] > h else one
+        d = zero if maps[q] > h else one
+        e = zero if maps[q + np.uint64(1)] > h else one
+        top = a + fu * (b - a)
+        low = d + fu * (e - d)
+        s[SUN * CHUNK + k] = top + fv * (low - top)
 
 
 @jit(nogil=True)

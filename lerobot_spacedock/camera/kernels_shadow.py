@@ -25,6 +25,7 @@ def draw_depth(corners, basis, offset_u, offset_v, texels_per_m, size, out):
     """
     out[:] = FAR_BELOW
     limit = float(size)
+    ramp = np.arange(size).astype(np.float32)
     for f in range(corners.shape[0]):
         ax = (
             basis[0, 0] * corners[f, 0] + basis[0, 1] * corners[f, 1] + basis[0, 2] * corners[f, 2] - offset_u
@@ -77,9 +78,10 @@ def draw_depth(corners, basis, offset_u, offset_v, texels_per_m, size, out):
                 x0, x1 = x1, x0
             j0 = math.ceil(min(max(x0 - 0.5, 0.0), limit))
             j1 = math.ceil(min(max(x1 - 0.5, 0.0), limit))
-            for j in range(j0, j1):
-                h = np.float32(ah + gx * (j + 0.5 - ax) + gy * (y - ay))
-                h = min(max(h, low), high)
-                p = k * size + j
-                if h > out[p]:
-                    out[p] = h
+            if j0 >= j1:
+                continue
+            h0, step = np.float32(ah + gx * (j0 + 0.5 - ax) + gy * (y - ay)), np.float32(gx)
+            p = np.uint64(k * size + j0)
+            for j in range(np.uint64(j1 - j0)):
+                h = min(max(h0 + step * ramp[j], low), high)
+                out[p + j] = max(out[p + j], h)

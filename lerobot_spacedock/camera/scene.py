@@ -55,6 +55,7 @@ class ShadowMaps:
     maps: np.ndarray
     start: np.ndarray
     size: np.ndarray
+    reach: np.ndarray  # m², squared distance from the port up to which each tight map is good
     affine: (
         np.ndarray
     )  # (cascades, 13): u, v, height as affine functions of position, and the push along the normal in m
@@ -137,7 +138,9 @@ def draw_shadow_maps(scene: Scene, sun: np.ndarray) -> ShadowMaps:
         affine[c, 4:7], affine[c, 7] = v * per_m, -low_v * per_m - 0.5
         affine[c, 8:11], affine[c, 11] = sun, 0.35 / per_m + 2e-4
         affine[c, 12] = 1.6 / per_m
-    return ShadowMaps(maps, start, size, affine)
+    # a sphere about the port lies within its map from every direction; the push needs a little room
+    reach = np.array([(0.97 * half) ** 2 for half, _ in SHADOW_LAYOUT[:-1]], np.float32)
+    return ShadowMaps(maps, start, size, reach, affine)
 
 
 def _affine(corners, e1, e2, values) -> np.ndarray:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from lerobot_spacedock.station import load_station, station_for_port
+from lerobot_spacedock.station.mesh import checked_transform
 
 from .scene import Scene, build_scene
 
@@ -26,7 +27,7 @@ def shared_scene(port: str, detail: str, station_mesh=None, station_pose=None) -
     else:
         path = Path(station_mesh).expanduser().resolve()
         stamp = path.stat().st_mtime_ns if path.exists() else 0
-        pose = None if station_pose is None else np.asarray(station_pose, float).tobytes()
+        pose = None if station_pose is None else checked_transform(station_pose).tobytes()
         key = (str(path), stamp, pose)
     with _lock:
         if key not in _scenes:

@@ -70,7 +70,7 @@ class SoftwareRenderer:
         image = np.empty((config.height, config.width, 3), np.uint8)
         draw_frame(
             scene.corners, scene.faces, scene.clusters, scene.spheres, scene.table, scene.materials,
-            pattern_texels(), maps.maps, maps.start, maps.size, maps.affine, earth_texels(), star_table(), star_gain,
+            pattern_texels(), maps.maps, maps.start, maps.size, maps.affine, maps.reach, earth_texels(), star_table(), star_gain,
             light, rot, r, self._wide_view, width, height, BAND_ROWS, self._offsets,
             *_scratch(len(scene.corners)), linear.reshape(-1), image.reshape(-1),
         )  # fmt: skip
@@ -82,6 +82,7 @@ class _NoMaps:
     start = np.zeros(0, np.int64)
     size = np.zeros(0, np.int64)
     affine = np.zeros((0, 13), np.float32)
+    reach = np.zeros(2, np.float32)
 
 
 _NO_MAPS = _NoMaps()

@@ -88,7 +88,7 @@ def load_station(path: str | Path, station_pose: np.ndarray | None = None) -> St
     import trimesh
 
     path = Path(path).expanduser()
-    transform = np.eye(4) if station_pose is None else _checked_transform(station_pose)
+    transform = np.eye(4) if station_pose is None else checked_transform(station_pose)
     if not path.is_file():
         raise InputError("station_mesh", str(path), "a mesh file that exists (glb, gltf, obj, stl, ply)")
     try:
@@ -130,7 +130,8 @@ def load_station(path: str | Path, station_pose: np.ndarray | None = None) -> St
     )
 
 
-def _checked_transform(given: object) -> np.ndarray:
+def checked_transform(given: object) -> np.ndarray:
+    """A (4, 4) float64 transform, or an InputError."""
     allowed = "a (4, 4) finite transform with an invertible 3 x 3 part"
     try:
         out = np.array(given, np.float64)

@@ -38,8 +38,8 @@ def test_silhouette_depth_and_shade_agree_over_random_poses(pair):
         assert (station == (b.segmentation > 0)).mean() > 0.998
         assert (a.segmentation == b.segmentation).mean() > 0.995
         both = station & (b.depth_m < 399)
-        gap = np.abs(a.depth_m - b.depth_m)[both] / a.depth_m[both] ** 2  # an OpenGL depth step grows as z²
-        assert np.quantile(gap, 0.97) < 5e-4
+        gap = np.abs(a.depth_m - b.depth_m)[both]
+        assert (gap < 1e-3 + 3e-4 * a.depth_m[both] ** 2).mean() > 0.97  # an OpenGL depth step grows as z²
         if both.sum() < 500:
             continue
         shade_a, shade_b = a.image[both].mean(-1), b.image[both].mean(-1)
