@@ -32,13 +32,13 @@ class RewardConfig:
     # its scale at the port, m/s, …
     drift_scale_m_s: float = 0.01
     # … and how it grows with the distance to go, m/s per m: far away there is time to be gentle
-    drift_scale_per_m: float = 0.004
+    drift_scale_per_m: float = 0.0015
     # cost of the lateral offset
     lateral: float = 0.25
     # its scale at the port, m, …
     lateral_scale_m: float = 0.015
     # … and how it grows with the distance to go, m per m
-    lateral_scale_per_m: float = 0.03
+    lateral_scale_per_m: float = 0.01
     # cost of the angle to the nominal attitude
     attitude: float = 0.25
     # its scale, deg
@@ -48,7 +48,7 @@ class RewardConfig:
     # its scale, deg/s
     rate_scale_deg_s: float = 0.05
     # cost of each N (and N·m) by which the command changes from the last step: the norm of the paper's Eq. 4
-    smoothness: float = 0.12
+    smoothness: float = 0.08
     # factor on all terminal bonuses
     terminal: float = 20.0
     # factor on everything, so that returns are of order ten

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
-from rsl_rl.algorithms import PPO
 from rsl_rl.models import MLPModel, RNNModel
 from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
+from lerobot_spacedock.expert.smooth_ppo import SmoothPPO
 from lerobot_spacedock.expert.train_config import TrainExpertConfig
 from lerobot_spacedock.expert.training_tasks import TrainingTasks
 from lerobot_spacedock.physics.frames import ACTION_DIM
@@ -15,7 +17,7 @@ from lerobot_spacedock.physics.frames import ACTION_DIM
 _STD_RANGE = (0.005, 1.0)
 
 
-def make_ppo(config: TrainExpertConfig, observations: TensorDict) -> PPO:
+def make_ppo(config: TrainExpertConfig, observations: TensorDict) -> SmoothPPO:
     """The algorithm with fresh networks; torch's global generator is seeded, since rsl_rl samples from it."""
     torch.manual_seed(config.seed)
     groups = {"actor": ["actor"], "critic": ["critic"]}
@@ -35,7 +37,7 @@ def make_ppo(config: TrainExpertConfig, observations: TensorDict) -> PPO:
     storage = RolloutStorage(
         "rl", config.num_envs, config.episode_steps, observations, [ACTION_DIM], device=config.device
     )
-    algorithm = PPO(
+    algorithm = SmoothPPO(
         actor_model,
         critic_model,
         storage,
@@ -51,11 +53,21 @@ def make_ppo(config: TrainExpertConfig, observations: TensorDict) -> PPO:
         desired_kl=ppo.desired_kl,
         device=config.device,
     )
+    scale = [actor.thrust_scale_N] * 3 + [actor.torque_scale_Nm] * 3
+    limits = [actor.thrust_limit_N] * 3 + [actor.torque_limit_Nm] * 3
+    algorithm.action_scale = torch.tensor(scale, device=config.device)
+    algorithm.action_limits = torch.tensor(limits, device=config.device)
     algorithm.train_mode()
     return algorithm
 
 
-def clear_memory(algorithm: PPO, count: int) -> None:
+def set_std_ceiling(algorithm: SmoothPPO, ceiling: float) -> None:
+    """Bounds the standard deviation of the exploration from above, in units of output."""
+    least, _ = _STD_RANGE
+    algorithm.actor.distribution.log_std_range = [math.log(least), math.log(max(ceiling, least))]
+
+
+def clear_memory(algorithm: SmoothPPO, count: int) -> None:
     """Gives the actor an empty memory: zeros, stored with the first step like any other."""
     if algorithm.actor.is_recurrent:
         lstm = algorithm.actor.rnn.rnn
@@ -64,7 +76,7 @@ def clear_memory(algorithm: PPO, count: int) -> None:
 
 
 @torch.no_grad()
-def collect(algorithm: PPO, tasks: TrainingTasks, iteration: int, steps: int) -> float:
+def collect(algorithm: SmoothPPO, tasks: TrainingTasks, iteration: int, steps: int) -> float:
     """Flies one episode in every environment into the storage; returns their mean undiscounted return."""
     observations = tasks.reset(iteration).to(algorithm.device)
     count = observations.batch_size[0]

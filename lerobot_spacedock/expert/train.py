@@ -22,7 +22,7 @@ from lerobot_spacedock.expert.checkpoint import save_actor, write_json
 from lerobot_spacedock.expert.evaluate import TASKS, VALIDATION_SEED, fly
 from lerobot_spacedock.expert.imitate import freeze_actor, imitate
 from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
-from lerobot_spacedock.expert.ppo import collect, make_ppo
+from lerobot_spacedock.expert.ppo import collect, make_ppo, set_std_ceiling
 from lerobot_spacedock.expert.train_config import TrainExpertConfig
 from lerobot_spacedock.expert.train_state import checkpoints, export_actor, load_checkpoint, save_checkpoint
 from lerobot_spacedock.expert.training_tasks import TrainingTasks
@@ -121,7 +121,11 @@ def _iterate(config, algorithm, tasks, progress, writer) -> None:
     if config.init_from is not None:
         freeze_actor(algorithm, progress["iteration"] < config.init_critic_iterations)
     tasks.smoothness_weight = smoothness_weight(config, fraction)
+    algorithm.mean_change_coef = (
+        config.ppo.mean_change_coef * tasks.smoothness_weight / max(config.reward.smoothness, 1e-12)
+    )
     algorithm.desired_kl = desired_kl(config, fraction)
+    set_std_ceiling(algorithm, std_ceiling(config, fraction))
     start = time.perf_counter()
     episode_return = collect(algorithm, tasks, progress["iteration"], config.episode_steps)
     middle = time.perf_counter()
@@ -136,6 +140,7 @@ def _iterate(config, algorithm, tasks, progress, writer) -> None:
     writer.add_scalar("train/return", episode_return, step)
     writer.add_scalar("train/value_loss", losses["value"], step)
     writer.add_scalar("train/surrogate_loss", losses["surrogate"], step)
+    writer.add_scalar("train/mean_change_N", losses["mean_change"], step)
     writer.add_scalar("train/learning_rate", algorithm.learning_rate, step)
     writer.add_scalar("train/smoothness_weight", tasks.smoothness_weight, step)
     std = algorithm.actor.distribution.log_std_param.detach().exp()
@@ -151,6 +156,15 @@ def smoothness_weight(config: TrainExpertConfig, fraction: float) -> float:
         return final
     along = min(fraction / config.smoothness_ramp, 1.0)
     return config.smoothness_start * (final / config.smoothness_start) ** along
+
+
+def std_ceiling(config: TrainExpertConfig, fraction: float) -> float:
+    """Bound on the exploration: down to one value while the smoothness weight grows, then on to the final one."""
+    start, middle, end = config.actor.initial_std, config.ppo.std_ceiling, config.ppo.final_std_ceiling
+    ramp = config.smoothness_ramp
+    if fraction < ramp:
+        return start * (middle / start) ** (fraction / ramp)
+    return middle * (end / middle) ** ((fraction - ramp) / max(1.0 - ramp, 1e-9))
 
 
 def desired_kl(config: TrainExpertConfig, fraction: float) -> float:

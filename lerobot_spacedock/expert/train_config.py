@@ -83,6 +83,12 @@ class PpoConfig:
     desired_kl: float = 0.01
     # the same at the end of the training: smaller steps settle the last millimetres
     final_desired_kl: float = 0.004
+    # loss per N by which the mean command changes from step to step; grows with the reward's smoothness weight
+    mean_change_coef: float = 0.02
+    # bound on the standard deviation of the exploration when the smoothness weight has grown, in units of output, …
+    std_ceiling: float = 0.08
+    # … and at the end of the training
+    final_std_ceiling: float = 0.04
     max_grad_norm: float = 1.0
     # hidden layers of the critic
     critic_hidden_sizes: list[int] = field(default_factory=lambda: [128, 128])

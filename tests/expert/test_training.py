@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from rsl_rl.algorithms import PPO
 from safetensors.torch import load_file
 
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.expert.checkpoint import load_actor
-from lerobot_spacedock.expert.ppo import clear_memory, collect, make_ppo
-from lerobot_spacedock.expert.train import desired_kl, smoothness_weight, train_expert
+from lerobot_spacedock.expert.ppo import clear_memory, collect, make_ppo, set_std_ceiling
+from lerobot_spacedock.expert.train import desired_kl, smoothness_weight, std_ceiling, train_expert
 from lerobot_spacedock.expert.train_config import ActorConfig, PpoConfig, TaskShare, TrainExpertConfig
 from lerobot_spacedock.expert.train_state import checkpoints, export_actor
 from lerobot_spacedock.expert.training_tasks import TRAINING_SEEDS_FROM, TrainingTasks
@@ -239,3 +240,51 @@ def test_what_is_refused(tmp_path):
     ]:
         with pytest.raises(InputError, match=said):
             small(tmp_path, **wrong)
+
+
+def test_without_its_extra_term_the_update_is_rsl_rls(tmp_path):
+    def updated(plain):
+        config = small(tmp_path, ppo=PpoConfig(epochs=2, mini_batches=2, critic_hidden_sizes=[16]))
+        tasks = TrainingTasks(config)
+        algorithm = make_ppo(config, tasks.reset(0))
+        algorithm.mean_change_coef = 0.0
+        collect(algorithm, tasks, 0, config.episode_steps)
+        PPO.update(algorithm) if plain else algorithm.update()
+        return algorithm
+
+    theirs, ours = updated(True), updated(False)
+    assert ours.learning_rate == theirs.learning_rate
+    for model in ("actor", "critic"):
+        for name, value in getattr(theirs, model).state_dict().items():
+            torch.testing.assert_close(getattr(ours, model).state_dict()[name], value, atol=1e-6, rtol=1e-4)
+
+
+@pytest.mark.parametrize("lstm_size", [8, 0])
+def test_mean_change_is_eq_4_of_the_mean_command_and_can_be_learnt_away(tmp_path, lstm_size):
+    config = small(tmp_path, actor=ActorConfig(lstm_size=lstm_size, hidden_sizes=[8]))
+
+    def trained(coef, iterations):
+        tasks = TrainingTasks(config)
+        algorithm = make_ppo(config, tasks.reset(0))
+        algorithm.mean_change_coef, algorithm.action_limits = coef, torch.full((6,), 1e9)
+        for iteration in range(iterations):
+            collect(algorithm, tasks, iteration, config.episode_steps)
+            flown = algorithm.storage.distribution_params[0].clone()
+            change = algorithm.update()["mean_change"]
+        return flown, change
+
+    # by hand from the means that were stored while flying; the first update has hardly moved them
+    mean = trained(0.0, 1)[0] * torch.tensor([40.0] * 3 + [1.5] * 3)
+    expected = (mean[1:] - mean[:-1]).norm(dim=-1).mean().item()
+    assert trained(0.0, 1)[1] == pytest.approx(expected, rel=0.1)
+    assert trained(10.0, 25)[1] < 0.5 * trained(0.0, 25)[1]
+
+
+def test_exploration_has_a_ceiling(parts):
+    config, tasks, algorithm = parts
+    set_std_ceiling(algorithm, 0.01)
+    collect(algorithm, tasks, 0, config.episode_steps)
+    assert algorithm.storage.distribution_params[1].max() == pytest.approx(0.01)
+    assert std_ceiling(config, 0.0) == pytest.approx(config.actor.initial_std)
+    assert std_ceiling(config, config.smoothness_ramp) == pytest.approx(config.ppo.std_ceiling)
+    assert std_ceiling(config, 1.0) == pytest.approx(config.ppo.final_std_ceiling)
