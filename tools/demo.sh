@@ -25,7 +25,7 @@ checkpoint=$out/act/checkpoints/last/pretrained_model
 if [ -f "$checkpoint/model.safetensors" ]; then reuse "$checkpoint"; else
     rm -rf "$out/act"
     lerobot-train --config_path="$configs/act_smoke.yaml" --dataset.repo_id=spacedock/demo \
-        --dataset.root="$out/dataset" --output_dir="$out/act"
+        --dataset.root="$out/dataset" --output_dir="$out/act" --steps=400 --save_freq=400 --env_eval_freq=0
 fi
 
 evaluate() { # label, task, then the policy's flags
@@ -49,8 +49,15 @@ for task in paper contact; do
 done
 
 step 5 "reports: tables and figures, the paper's numbers beside these"
+# How much the shipped expert saw, in the form that the report reads.
+python - > "$out/expert_training.json" <<'PYTHON'
+import json
+from lerobot_spacedock.expert.checkpoint import SHIPPED
+print(json.dumps(json.loads(SHIPPED.with_suffix(".json").read_text())["training"]))
+PYTHON
 for task in paper contact; do
-    spacedock report --out="$out/report-$task" --title="SpaceDock demo, $task task" --demos ACT="$out/dataset" --runs \
+    spacedock report --out="$out/report-$task" --title="SpaceDock demo, $task task" \
+        --demos ACT="$out/dataset" --training RL="$out/expert_training.json" --runs \
         ACT="$out/eval/act-$task/episodes" RL="$out/eval/meta-rl-$task/episodes" MPC="$out/eval/mpc-$task/episodes"
 done
 
