@@ -10,6 +10,7 @@ from lerobot_spacedock.report.model import Study
 from lerobot_spacedock.report.paper import CITATION, ERRATA
 from lerobot_spacedock.report.table import Table, to_html
 
+PIXELS_PER_INCH = 140
 SHADED = "<p>Shaded rows hold the numbers of the paper, or of its published rollouts.</p>"
 
 
@@ -62,14 +63,14 @@ def _runs(study: Study) -> str:
 
 
 def _swatch(place: int) -> str:
-    return f'<i class=swatch style="background:{COLOURS[place % len(COLOURS)]}"></i>'
+    return f'<i class=swatch style="background:var(--run{place % len(COLOURS)})"></i>'
 
 
 def _figure(study: Study, figure: Figure, panels: list[str]) -> str:
-    body = "".join(f"<div class=panel>{svg}</div>" for svg in panels)
-    wide = " wide" if len(panels) == 1 else ""
+    width = f"max-width:{figure.panel_in[0] * PIXELS_PER_INCH:.0f}px"  # few panels are not blown up
+    body = "".join(f'<div class=panel style="{width}">{svg}</div>' for svg in panels)
     return (
-        f'<figure class="plot{wide}" id="{figure.key}"><figcaption>{html.escape(figure.title)}</figcaption>'
+        f'<figure class=plot id="{figure.key}"><figcaption>{html.escape(figure.title)}</figcaption>'
         f"<div class=panels>{body}</div><p class=note>{html.escape(figure.caption)}</p></figure>"
     )
 

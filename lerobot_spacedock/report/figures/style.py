@@ -20,7 +20,9 @@ INK = "#1b1b1f"
 MUTED = "#6b6b76"
 GRID = "#d9d9e0"
 LIMIT = "#9a6700"  # boxes, gates, rings: what a state is measured against
-_PAGE_COLOURS = {INK: "var(--ink)", MUTED: "var(--muted)", GRID: "var(--grid)", LIMIT: "var(--limit)"}
+# on the page a run's colour is a variable too: the stylesheet lightens it on a dark ground
+_PAGE_COLOURS = {colour.lower(): f"var(--run{i})" for i, colour in enumerate(COLOURS)}
+_PAGE_COLOURS |= {INK: "var(--ink)", MUTED: "var(--muted)", GRID: "var(--grid)", LIMIT: "var(--limit)"}
 PANEL_IN = (4.2, 3.1)
 MARGINS_IN = (0.68, 0.14, 0.46, 0.28)  # left, right, bottom, top of each panel
 DPI = 160
