@@ -12,14 +12,15 @@ from lerobot_spacedock.camera import CameraConfig
 from lerobot_spacedock.dataset.assemble import assemble
 from lerobot_spacedock.dataset.episode import succeeded
 from lerobot_spacedock.dataset.frames import drawing_options
-from lerobot_spacedock.dataset.job import Job, Plan, shard_size
+from lerobot_spacedock.dataset.job import Job, Plan, shard_count
 from lerobot_spacedock.dataset.provenance import command_line
 from lerobot_spacedock.dataset.record import DatasetLayout, Storage
 from lerobot_spacedock.dataset.roots import check_repo_id, dataset_root
+from lerobot_spacedock.dataset.scale import ExecutorConfig, run_executor
 from lerobot_spacedock.dataset.segments import Segment
 from lerobot_spacedock.dataset.selection import best, check_rule, score
 from lerobot_spacedock.dataset.sources import FORMATS, EpisodeRef, list_episodes, load
-from lerobot_spacedock.dataset.workers import available_cores, run_shards
+from lerobot_spacedock.dataset.workers import available_cores
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.errors import FileFormatError, InputError
 
@@ -62,12 +63,14 @@ class ConvertConfig:
     task: str = "dock with the International Space Station"
     # s, length of a step where the source has no times (hdf5, npz, minari)
     step_s: float = 0.907
-    # processes that draw and encode; 0 takes one a core
+    # processes (or tasks at a time) that draw and encode; 0 takes one a core
     num_workers: int = 0
+    # where they run
+    executor: ExecutorConfig = field(default_factory=ExecutorConfig)
 
     def settings(self) -> dict[str, Any]:
         values = asdict(self)
-        for name in ("root", "num_workers"):
+        for name in ("root", "num_workers", "executor"):
             values.pop(name)
         return values
 
@@ -86,12 +89,12 @@ def convert(config: ConvertConfig) -> int:
 
         return convert_v21(config, root)
     job = Job(root)
-    with job.lock():
+    with job.lock(), job.disk_errors():
         if job.begin(config.settings()):
             print(f"Going on with the unfinished job in {job.folder}")
         if not job.plan_path.exists():
-            _plan(config).save(job.plan_path)
-        run_shards(job, num_workers=config.num_workers, total_frames=None)
+            job.write_plan(*_plan(config))
+        run_executor(job, config.executor, num_workers=config.num_workers, total_frames=None)
         total = assemble(job)
     print(f"Wrote {len(total.rows)} episodes, {total.frames} frames to {root}")
     if total.left_out:
@@ -131,17 +134,16 @@ def _layout(config: ConvertConfig, camera: CameraConfig) -> DatasetLayout:
     )
 
 
-def _plan(config: ConvertConfig) -> Plan:
+def _plan(config: ConvertConfig) -> tuple[Plan, list[EpisodeRef]]:
     options = {"step_s": config.step_s} if config.format in ("hdf5", "npz", "minari") else {}
     source = config.source if config.format == "minari" else Path(config.source).resolve()
     found = list_episodes(config.format, source, **options)
     refs, selection = _select(config, found)
     env = _common_env(config, refs)
     camera = env.camera if env is not None else config.camera
-    return Plan(
+    plan = Plan(
         layout=_layout(config, camera),
-        refs=tuple(refs),
-        shard_episodes=shard_size(len(refs), config.num_workers or available_cores()),
+        num_shards=shard_count(len(refs), config.num_workers or available_cores()),
         drawing=drawing_options(env or _plain_env(config)) if config.images != "none" else None,
         redraw=config.images == "draw",
         segment=config.segment,
@@ -160,6 +162,7 @@ def _plan(config: ConvertConfig) -> Plan:
             "pictures": "stored" if config.images == "auto" and _has_pictures(refs) else "drawn",
         },
     )
+    return plan, refs
 
 
 def _select(config: ConvertConfig, found: list[EpisodeRef]) -> tuple[list[EpisodeRef], dict[str, Any]]:

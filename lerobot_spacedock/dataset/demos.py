@@ -16,17 +16,19 @@ import numpy as np
 from tqdm import tqdm
 
 from lerobot_spacedock.camera import CameraConfig
+from lerobot_spacedock.dataset.assemble import assemble
 from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig
 from lerobot_spacedock.dataset.flight import fly
 from lerobot_spacedock.dataset.frames import drawing_options
-from lerobot_spacedock.dataset.job import Job, Plan, shard_size, write_json
+from lerobot_spacedock.dataset.job import Job, Plan, shard_count, write_json
 from lerobot_spacedock.dataset.provenance import command_line
 from lerobot_spacedock.dataset.record import DatasetLayout, Storage
 from lerobot_spacedock.dataset.roots import check_repo_id, dataset_root
+from lerobot_spacedock.dataset.scale import ExecutorConfig, run_executor
 from lerobot_spacedock.dataset.segments import Segment, pieces
 from lerobot_spacedock.dataset.selection import RULES, best, check_rule, score
 from lerobot_spacedock.dataset.sources import EpisodeRef
-from lerobot_spacedock.dataset.workers import available_cores, run_shards
+from lerobot_spacedock.dataset.workers import available_cores
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.env.registration import ENV_IDS
 from lerobot_spacedock.env.scenario_config import get_initial_conditions
@@ -89,8 +91,10 @@ class DemosConfig:
     task: str = "dock with the International Space Station"
     # folder into which the logs of the kept episodes are copied (what spacedock report reads)
     log_dir: str | None = None
-    # processes that draw and encode; 0 takes one a core
+    # processes (or tasks at a time) that draw and encode; 0 takes one a core
     num_workers: int = 0
+    # where they run
+    executor: ExecutorConfig = field(default_factory=ExecutorConfig)
 
     def env_config(self, initial_conditions: str) -> SpaceDockConfig:
         """The environment that is flown, as gymnasium would make it."""
@@ -120,7 +124,7 @@ class DemosConfig:
     def settings(self) -> dict[str, Any]:
         """What decides the data: a job can only go on with the same."""
         values = asdict(self)
-        for name in ("root", "log_dir", "num_workers"):
+        for name in ("root", "log_dir", "num_workers", "executor"):
             values.pop(name)
         return values
 
@@ -130,20 +134,17 @@ def demos(config: DemosConfig) -> int:
     _check(config)
     root = dataset_root(config.repo_id, config.root)
     job = Job(root)
-    with job.lock():
+    with job.lock(), job.disk_errors():
         resumed = job.begin(config.settings())
         if resumed:
             print(f"Going on with the unfinished job in {job.folder}")
         _fly_candidates(config, job)
         kept, facts = _select(config, job)
         if not job.plan_path.exists():
-            _plan(config, kept, facts).save(job.plan_path)
-        plan = Plan.read(job.plan_path)
-        run_shards(job, num_workers=config.num_workers, total_frames=facts["frames"])
+            job.write_plan(_plan(config, len(kept), facts), kept)
+        run_executor(job, config.executor, num_workers=config.num_workers, total_frames=facts["frames"])
         if config.log_dir is not None:
-            _copy_logs(plan, Path(config.log_dir))
-        from lerobot_spacedock.dataset.assemble import assemble
-
+            _copy_logs(kept, Path(config.log_dir))
         total = assemble(job)
     chosen = facts["selection"]
     print(f"Wrote {len(total.rows)} episodes, {total.frames} frames to {root}")
@@ -242,13 +243,12 @@ def _select(config: DemosConfig, job: Job) -> tuple[list[EpisodeRef], dict[str, 
     return [EpisodeRef("logs", str(log_path(flights, seed))) for seed in facts["selection"]["seeds"]], facts
 
 
-def _plan(config: DemosConfig, kept: list[EpisodeRef], facts: dict[str, Any]) -> Plan:
+def _plan(config: DemosConfig, kept: int, facts: dict[str, Any]) -> Plan:
     env = config.env_config(config.starts[0])
     disturbed = config.kicks.probability > 0.0 or config.noise.thrust_N > 0.0 or config.noise.torque_Nm > 0.0
     return Plan(
         layout=_layout(config),
-        refs=tuple(kept),
-        shard_episodes=shard_size(len(kept), config.num_workers or available_cores()),
+        num_shards=shard_count(kept, config.num_workers or available_cores()),
         drawing=drawing_options(env) if config.image else None,
         segment=config.segment,
         repeat_terminal=config.repeat_terminal,
@@ -269,10 +269,10 @@ def _plan(config: DemosConfig, kept: list[EpisodeRef], facts: dict[str, Any]) ->
     )
 
 
-def _copy_logs(plan: Plan, folder: Path) -> None:
+def _copy_logs(kept: list[EpisodeRef], folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for ref in plan.refs:
+        for ref in kept:
             aside = folder / f".{Path(ref.path).name}.tmp"
             shutil.copyfile(ref.path, aside)
             aside.rename(folder / Path(ref.path).name)

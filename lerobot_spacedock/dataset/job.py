@@ -1,6 +1,7 @@
 """A dataset that is being made: a folder beside its root, from which a killed job goes on.
 
-``<root>.part/`` holds ``plan.json`` (what is to be written, fixed at the first start), ``shards/`` (each a whole
+``<root>.part/`` holds ``plan.json`` and ``refs/`` (what is to be written, fixed at the first start; the episodes of
+each shard in a file of their own, so that a worker reads no more than its own), ``shards/`` (each a whole
 LeRobotDataset, renamed into place when it is finished) and, for demonstrations, ``flights/`` (an episode log each).
 The dataset appears under its own name only when it is complete.
 """
@@ -13,14 +14,13 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lerobot_spacedock.dataset.record import DatasetLayout
-from lerobot_spacedock.dataset.segments import Segment
+from lerobot_spacedock.dataset.record import DatasetLayout, free_space
 from lerobot_spacedock.dataset.sources import EpisodeRef
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, SpaceDockError
 
 MAX_SHARD_EPISODES = 50
 
@@ -31,8 +31,7 @@ class Plan:
 
     Attributes:
         layout: schema and storage of the dataset.
-        refs: the episodes, in order.
-        shard_episodes: how many go into one shard.
+        num_shards: into how many the episodes are cut.
         drawing: keyword arguments of ``frames.Artist``; None where no frame has to be drawn.
         redraw: draw even where the source has pictures.
         segment: as ``--segment``.
@@ -42,8 +41,7 @@ class Plan:
     """
 
     layout: DatasetLayout
-    refs: tuple[EpisodeRef, ...]
-    shard_episodes: int
+    num_shards: int
     drawing: dict[str, Any] | None = None
     redraw: bool = False
     segment: str = "all"
@@ -51,33 +49,13 @@ class Plan:
     skip_bad: bool = False
     facts: dict[str, Any] = field(default_factory=dict)
 
-    @property
-    def num_shards(self) -> int:
-        return -(-len(self.refs) // self.shard_episodes)
-
-    def shard_refs(self, index: int) -> tuple[EpisodeRef, ...]:
-        return self.refs[index * self.shard_episodes : (index + 1) * self.shard_episodes]
-
     def save(self, path: Path) -> None:
-        content = {
-            "layout": self.layout.to_dict(),
-            "shard_episodes": self.shard_episodes,
-            "drawing": self.drawing,
-            "redraw": self.redraw,
-            "segment": self.segment,
-            "repeat_terminal": self.repeat_terminal,
-            "skip_bad": self.skip_bad,
-            "facts": self.facts,
-            "refs": [ref.to_json() for ref in self.refs],
-        }
-        write_json(path, content)
+        write_json(path, asdict(self))
 
     @classmethod
     def read(cls, path: Path) -> Plan:
         content = json.loads(path.read_text())
         content["layout"] = DatasetLayout.from_dict(content["layout"])
-        content["refs"] = tuple(EpisodeRef.from_json(ref) for ref in content["refs"])
-        Segment.parse(content["segment"])
         return cls(**content)
 
 
@@ -91,9 +69,21 @@ class Job:
         self.shards = self.folder / "shards"
         self.flights = self.folder / "flights"
         self.progress = self.folder / "progress"
+        self.refs = self.folder / "refs"
 
     def shard(self, index: int) -> Path:
         return self.shards / f"shard_{index:06d}"
+
+    def write_plan(self, plan: Plan, refs: list[EpisodeRef]) -> None:
+        """Cuts the episodes into the plan's shards; the plan itself comes last: it is there only when all is."""
+        for index in range(plan.num_shards):
+            first, last = (len(refs) * i // plan.num_shards for i in (index, index + 1))
+            write_json(self.refs / f"{index:06d}.json", [ref.to_json() for ref in refs[first:last]])
+        plan.save(self.plan_path)
+
+    def shard_refs(self, index: int) -> list[EpisodeRef]:
+        """The episodes of one shard, in order."""
+        return [EpisodeRef.from_json(ref) for ref in json.loads((self.refs / f"{index:06d}.json").read_text())]
 
     def begin(self, settings: dict[str, Any]) -> bool:
         """Makes the folder, or takes up the job that is in it.
@@ -123,7 +113,7 @@ class Job:
                     f"{changes}. Repeat the first command to finish it, or delete {self.folder} to begin anew.",
                 )
             return True
-        for folder in (self.shards, self.flights, self.progress):
+        for folder in (self.shards, self.flights, self.progress, self.refs):
             folder.mkdir(parents=True, exist_ok=True)
         write_json(path, settings)
         return False
@@ -145,15 +135,32 @@ class Job:
             finally:
                 path.unlink(missing_ok=True)
 
+    @contextlib.contextmanager
+    def disk_errors(self) -> Iterator[None]:
+        """Turns a write that the system refuses (a full disk, no permission) into one sentence.
+
+        Raises:
+            SpaceDockError: what the system said, how much room is left, and that what is finished is kept.
+        """
+        try:
+            yield
+        except OSError as error:
+            if isinstance(error, SpaceDockError):
+                raise
+            raise SpaceDockError(
+                f"{self.root}: the system refused ({error}). {free_space(self.folder)} What is finished is kept in "
+                f"{self.folder}: mend it and run the same command again."
+            ) from error
+
     def finish(self, complete: Path) -> None:
         """Puts the complete dataset under its own name and removes the working folder."""
         os.rename(complete, self.root)
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def shard_size(episodes: int, workers: int) -> int:
-    """Episodes a shard: some shards a worker, so that all cores stay busy to the end and little is lost to a kill."""
-    return max(1, min(MAX_SHARD_EPISODES, -(-episodes // (4 * max(workers, 1)))))
+def shard_count(episodes: int, workers: int) -> int:
+    """How many shards: some a worker, so that all cores stay busy to the end and little is lost to a kill."""
+    return max(1, min(episodes, max(4 * max(workers, 1), -(-episodes // MAX_SHARD_EPISODES))))
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -72,7 +72,7 @@ def write_shard(root: Path | str, index: int, *, encoder_threads: int | None = N
     artist = _LazyArtist(plan.drawing)
     try:
         with (job.progress / str(index)).open("wb", buffering=0) as progress:
-            summary = _write(plan, plan.shard_refs(index), aside, artist, progress, encoder_threads)
+            summary = _write(plan, job.shard_refs(index), aside, artist, progress, encoder_threads)
     except BaseException:
         shutil.rmtree(aside, ignore_errors=True)
         raise
@@ -103,7 +103,7 @@ class _LazyArtist:
 
 def _write(
     plan: Plan,
-    refs: tuple[EpisodeRef, ...],
+    refs: list[EpisodeRef],
     aside: Path,
     artist: _LazyArtist,
     progress: BinaryIO,

@@ -1,0 +1,134 @@
+"""``spacedock demos`` as its user runs it: killed, gone on, disturbed, refused."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from lerobot_spacedock.camera import CameraConfig
+from lerobot_spacedock.dataset import schema
+from lerobot_spacedock.dataset.demos import DemosConfig, demos
+from lerobot_spacedock.dataset.disturbance import KickConfig
+from lerobot_spacedock.dataset.integrity import check_dataset
+from lerobot_spacedock.dataset.reader import DatasetReader
+from lerobot_spacedock.episode_log import iterate_episode_logs, read_episode_log
+from lerobot_spacedock.errors import InputError
+
+
+def config(root, **options) -> DemosConfig:
+    base = {"repo_id": "test/demos", "root": str(root), "expert": "V", "image": False, "num_workers": 1}
+    return DemosConfig(**(base | options))
+
+
+def data_of(root) -> dict:
+    return pq.read_table(root / "data" / "chunk-000" / "file-000.parquet").to_pydict()
+
+
+def test_the_best_are_kept_and_the_dataset_says_how(tmp_path):
+    root = tmp_path / "d"
+    options = {"num_episodes": 4, "num_candidates": 9, "initial_conditions": "same,wide", "select": "propellant"}
+    assert demos(config(root, kicks=KickConfig(0.2, quiet_m=3.0), log_dir=str(tmp_path / "logs"), **options)) == 0
+    report = check_dataset(root)
+    assert (report.errors, report.episodes) == ([], 4)
+    facts = json.loads((root / "meta" / "spacedock.json").read_text())
+    assert facts["disturbance"]["kicks"]["probability"] == 0.2
+    assert facts["initial_conditions"] == ["same", "wide"]
+    assert facts["selection"]["flown"] == 9
+    assert "0.2 a step" in (root / "README.md").read_text()
+    logs = [log for _, log in iterate_episode_logs(tmp_path / "logs")]
+    assert [log.metadata["seed"] for log in logs] == facts["selection"]["seeds"]
+    assert {log.metadata["initial_conditions"] for log in logs} <= {"same", "wide"}
+    rows = next(DatasetReader(root).iterate()).rows
+    assert (rows[schema.ACTION] != rows[schema.EXECUTED_ACTION]).any()
+    assert not (tmp_path / "d.part").exists()
+
+
+def test_killed_at_any_moment_it_goes_on_and_ends_as_if_it_had_not_been(tmp_path):
+    """SIGKILL while it flies and while it writes; every finished flight stays readable, and none is flown twice."""
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    options = {"num_episodes": 12, "num_candidates": 14, "kicks": KickConfig(0.1, quiet_m=3.0)}
+    demos(config(whole, **options))
+    command = [
+        sys.executable, "-m", "lerobot_spacedock.cli", "demos", "--repo_id=test/demos", f"--root={cut}", "--expert=V",
+        "--image=false", "--num_workers=1", "--num_episodes=12", "--num_candidates=14", "--kicks.probability=0.1",
+        "--kicks.quiet_m=3.0",
+    ]  # fmt: skip
+    part = tmp_path / "cut.part"
+    for sight in ("flights/episode_100003.parquet", "shards/shard_000001"):
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        wait_until(lambda sight=sight: (part / sight).exists(), process)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        assert not cut.exists()
+        flown = {p: (p.stat().st_mtime_ns, read_episode_log(p).num_steps) for p in part.glob("flights/episode_*")}
+        assert all(steps > 10 for _, steps in flown.values())
+    assert len(flown) == 14
+    written = {p.name: p.stat().st_mtime_ns for p in part.glob("shards/shard_*")}
+    assert written
+    assert demos(config(cut, **options)) == 0
+    assert data_of(cut) == data_of(whole)
+    assert check_dataset(cut).errors == []
+    assert not part.exists()
+
+
+def wait_until(seen, process, timeout_s: float = 240.0) -> None:
+    end = time.monotonic() + timeout_s
+    while not seen():
+        assert process.poll() is None, "it ended before it could be killed"
+        assert time.monotonic() < end
+        time.sleep(0.002)
+
+
+def test_a_second_process_keeps_out(tmp_path):
+    from lerobot_spacedock.dataset.job import Job
+
+    with Job(tmp_path / "d").lock(), pytest.raises(InputError, match="no other process"):
+        demos(config(tmp_path / "d", num_episodes=1))
+
+
+@pytest.mark.parametrize(
+    ("options", "flag"),
+    [
+        ({"expert": "wizard"}, "--expert"),
+        ({"checkpoint": "x"}, "--checkpoint"),
+        ({"env_id": "SpaceDockVision-v0"}, "--env_id"),
+        ({"initial_conditions": "same,moon"}, "initial_conditions"),
+        ({"num_episodes": 0}, "--num_episodes"),
+        ({"num_candidates": 3, "num_episodes": 5}, "--num_candidates"),
+        ({"select": "luck"}, "--select"),
+        ({"seed": -1}, "--seed"),
+        ({"repo_id": "x y/z"}, "--repo_id"),
+        ({"sun": "red"}, "sun"),
+        ({"image": True, "camera": CameraConfig(height=47, width=64)}, "image size"),
+    ],
+)
+def test_what_cannot_be_flown_is_said_and_nothing_is_left(tmp_path, options, flag):
+    with pytest.raises(InputError, match=flag):
+        demos(config(tmp_path / "d", **options))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_said_and_costs_nothing(tmp_path):
+    """A limit on the size of files stands for the full disk: the system refuses the write in the same place."""
+    code = f"""
+import resource, sys, signal
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+from lerobot_spacedock.dataset.convert import *
+import lerobot.datasets.lerobot_dataset
+from lerobot_spacedock.cli import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
+sys.exit(main(["demos", "--repo_id=test/demos", "--root={tmp_path}/d", "--expert=V", "--image=false",
+    "--num_workers=1", "--num_episodes=2"]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 2, done.stderr[-2000:]
+    assert "File too large" in done.stderr
+    assert not (tmp_path / "d").exists()
+    assert demos(config(tmp_path / "d", num_episodes=2)) == 0
+    assert np.isfinite(data_of(tmp_path / "d")["sim_time"]).all()
