@@ -21,7 +21,7 @@ from lerobot_spacedock.metrics.visitation import CellCounts, count_cells, merge
 from lerobot_spacedock.physics.frames import OBSERVATION_INDICES, POSITION, VELOCITY
 
 COLUMN_NAMES = (*NAMES, *IDSS_CONDITIONS, *ATV_CONDITIONS)
-RANGE_GRID_M = np.linspace(0.0, 30.0, 61)
+RANGE_GRID_M = np.concatenate([[0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4], np.linspace(0.5, 30.0, 60)])
 TRACES_KEPT = 100  # of each set, for the figures that draw episodes one by one
 SURPLUS_FOLDER = "surplus"  # where an evaluation puts the episodes that only filled its last vector batch
 SURPLUS = "surplus episode of the last vector batch, beyond the number that was asked for"
@@ -48,7 +48,7 @@ class EpisodeSet:
         starts: first states without mass, (N, 13), dataset units.
         folder: which of the run's folders (training seeds) each episode came from, (N,).
         names: file names, (N,).
-        closing: closing rate in m/s when the range first fell to each of ``RANGE_GRID_M``, (N, 61); NaN: never.
+        closing: closing rate in m/s when the range first fell to each of ``RANGE_GRID_M``, (N, 67); NaN: never.
         traces: the first ``TRACES_KEPT`` episodes.
         visits: cells of (y, x) and of (y, z) over every state.
     """
@@ -129,7 +129,7 @@ def initial_conditions(log: EpisodeLog) -> str:
 
 
 def closing_profile(log: EpisodeLog) -> np.ndarray:
-    """m/s, (61,): closing rate when the range first fell to each of ``RANGE_GRID_M``; NaN where it never did."""
+    """m/s, (67,): closing rate when the range first fell to each of ``RANGE_GRID_M``; NaN where it never did."""
     distance, rate = range_rate(log.state[:, POSITION], log.state[:, VELOCITY])
     nearest = np.minimum.accumulate(distance)
     fresh = np.concatenate([[True], nearest[1:] < nearest[:-1]])

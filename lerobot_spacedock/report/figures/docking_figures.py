@@ -138,7 +138,8 @@ def _scatter(ax: Axes, study: Study, flown: list, x_name: str, y_name: str, box:
     for name, far in ((x_name, x0 + width), (y_name, y0 + height)):
         values = np.concatenate([e.values(name) for _, e in flown])
         low, high = np.percentile(values, [1, 99]) if len(values) else (0.0, far)
-        edges.append((min(0.0, 1.1 * float(low)), 1.12 * max(far, float(high))))
+        top = 1.12 * max(far, float(high))
+        edges.append((min(-0.02 * top, 1.1 * float(low)), top))  # a little below 0: points on the axis show whole
     (left, right), (bottom, top) = edges
     ax.add_patch(Rectangle((x0, y0), width, height, fc=LIMIT, ec=LIMIT, alpha=0.18, lw=0))
     ax.add_patch(Rectangle((x0, y0), width, height, fill=False, ec=LIMIT, lw=1))
@@ -153,6 +154,7 @@ def _scatter(ax: Axes, study: Study, flown: list, x_name: str, y_name: str, box:
         if not inside.all():  # a line without points that is not clipped upsets the layout
             outside = np.clip(x[~inside], left, right), np.clip(y[~inside], bottom, top)
             ax.plot(*outside, "x", ms=5, color=style["color"], clip_on=False)
+    ax.locator_params(nbins=5)
     ax.set(xlim=(left, right), ylim=(bottom, top), xlabel=names[x_name], ylabel=names[y_name])
     ax.legend()
 
