@@ -8,6 +8,7 @@ import torch
 from lerobot.configs import FeatureType, PolicyFeature, PreTrainedConfig
 from lerobot.policies.factory import make_policy, make_policy_config, make_pre_post_processors
 from lerobot.utils.constants import ACTION, OBS_STATE
+from local_hub import TOKEN, LocalHub
 
 from lerobot_spacedock.adapters import SpaceDockEnvConfig
 from lerobot_spacedock.errors import FileFormatError, InputError, SpaceDockError
@@ -96,6 +97,27 @@ def test_saved_and_loaded_it_flies_the_same(policy_type, tmp_path):
     batch = pre({OBS_STATE: states(3)})
     torch.testing.assert_close(batch[OBS_STATE], states(3))  # physical units: nothing is normalised
     torch.testing.assert_close(post(torch.ones(3, 6)), torch.ones(3, 6))
+
+
+@pytest.mark.parametrize("policy_type", ["spacedock_meta_rl", "spacedock_mpc"])
+def test_pushed_and_fetched_from_a_hub_it_flies_the_same(policy_type, monkeypatch, tmp_path):
+    from huggingface_hub import constants
+
+    policy = build(policy_type)
+    with LocalHub() as hub:
+        monkeypatch.setattr(constants, "ENDPOINT", hub.url)
+        monkeypatch.setattr(
+            constants, "HUGGINGFACE_CO_URL_TEMPLATE", f"{hub.url}/{{repo_id}}/resolve/{{revision}}/{{filename}}"
+        )
+        monkeypatch.setattr(constants, "HF_HUB_DISABLE_XET", True)
+        monkeypatch.setattr(constants, "HF_HUB_OFFLINE", False)
+        monkeypatch.setenv("HF_TOKEN", TOKEN)
+        policy.push_to_hub("test/expert", private=True)
+        pushed = hub.repositories[("model", "test/expert")]
+        assert pushed.private
+        assert {name.rpartition(".")[2] for name in pushed.files("main")} == {"json", "safetensors"}
+        fetched = type(policy).from_pretrained("test/expert", cache_dir=tmp_path)
+    torch.testing.assert_close(fly(fetched), fly(policy), rtol=0, atol=0)
 
 
 def test_the_saved_config_tells_the_port_and_the_attitude_model(tmp_path):
