@@ -84,7 +84,7 @@ class PpoConfig:
     # the same at the end of the training: smaller steps settle the last millimetres
     final_desired_kl: float = 0.004
     # loss per N by which the mean command changes from step to step; grows with the reward's smoothness weight
-    mean_change_coef: float = 0.02
+    mean_change_coef: float = 0.15
     # bound on the standard deviation of the exploration when the smoothness weight has grown, in units of output, …
     std_ceiling: float = 0.08
     # … and at the end of the training
@@ -133,7 +133,7 @@ class TrainExpertConfig:
     # weight of the reward's `smoothness` at the start; it grows to its value in `reward` exponentially, …
     smoothness_start: float = 0.003
     # … over this fraction of the training: first to fly, then to fly smoothly
-    smoothness_ramp: float = 0.7
+    smoothness_ramp: float = 0.5
     actor: ActorConfig = field(default_factory=ActorConfig)
     ppo: PpoConfig = field(default_factory=PpoConfig)
     # iterations between checkpoints
