@@ -2,8 +2,9 @@
 
 python benchmarks/frame.py [--quick]
 
-CPU time (all threads of the process) is reported, because it says what a frame costs on a busy machine too; the median over
-repeats of the mean over 10 poses from 25 m to 0.2 m. On an idle machine the software renderer's wall time equals its CPU time.
+CPU time (all threads of the process) is reported, because it says what a frame costs on a busy machine too; the
+median over repeats of the mean over 10 poses from 25 m to 0.2 m. On an idle machine the software renderer's wall time
+equals its CPU time.
 """
 
 from __future__ import annotations

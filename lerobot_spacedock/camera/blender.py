@@ -1,10 +1,11 @@
 """The scene for Blender: a glTF of the station, poses as JSON, and the script that renders them with Cycles.
 
-    python -m lerobot_spacedock.camera.blender --out scene            # writes station.glb, poses.json, render.py
-    blender --background --python scene/render.py                     # a user's Blender, 4.2 or later
+    python -m lerobot_spacedock.camera.blender --out scene # writes station.glb, poses.json, render.py
+    blender --background --python scene/render.py          # a user's Blender, 4.2 or later
 
-The files hold Hill axes turned into glTF's (y up: glTF y = Hill x, zenith). No Blender can be installed for Python 3.12, so
-the script is checked for its syntax and for the geometry that it reads, but has not been run in Blender itself.
+The files hold Hill axes turned into glTF's (y up: glTF y = Hill x, zenith). No Blender can be installed for Python
+3.12, so the script is checked for its syntax and for the geometry that it reads, but has not been run in Blender
+itself.
 """
 
 from __future__ import annotations
@@ -118,7 +119,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _srgb_bytes(linear) -> list[int]:
     """trimesh keeps glTF's base colour as bytes; glTF itself is linear, so these are the linear values in bytes."""
-    return [int(round(255 * min(max(c, 0.0), 1.0))) for c in linear]
+    return [round(255 * min(max(c, 0.0), 1.0)) for c in linear]
 
 
 if __name__ == "__main__":

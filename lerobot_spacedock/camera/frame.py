@@ -23,7 +23,8 @@ from .kernels_sky import paint_sky, paint_stars, project_stars
 
 
 @jit(nogil=True)
-def draw_frame(corners, faces, clusters, spheres, table, materials, texels, maps, map_start, map_size, map_affine, map_reach,
+def draw_frame(corners, faces, clusters, spheres, table, materials, texels, maps, map_start, map_size, map_affine,
+               map_reach,
                earth, stars, star_gain, light, rot, eye, view, width, height, rows, offsets, xy, plane, linear,
                out):  # fmt: skip
     """Draw into ``out`` (H*W*3 uint8), or into ``linear`` (H*W*3 float32) where that is not empty."""

@@ -1,8 +1,8 @@
 """Visibility: cull, project and clip triangles, then scan-convert them into a band of rows.
 
-Depth is kept as 1/z (metres⁻¹), which is affine in the image plane and larger when nearer. Edges run from their upper to
-their lower end in double precision, so two triangles that share an edge agree on every sample bit for bit. No fast-math and
-no libm: the same input gives the same bytes on every x86-64 CPU.
+Depth is kept as 1/z (metres⁻¹), which is affine in the image plane and larger when nearer. Edges run from their upper
+to their lower end in double precision, so two triangles that share an edge agree on every sample bit for bit. No
+fast-math and no libm: the same input gives the same bytes on every x86-64 CPU.
 """
 
 from __future__ import annotations

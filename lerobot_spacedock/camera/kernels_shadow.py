@@ -84,4 +84,6 @@ def draw_depth(corners, basis, offset_u, offset_v, texels_per_m, size, out):
             p = np.uint64(k * size + j0)
             for j in range(np.uint64(j1 - j0)):
                 h = min(max(h0 + step * ramp[j], low), high)
-                out[p + j] = max(out[p + j], h)
+                old = out[p + j]
+                keep = np.float32(h > old)  # arithmetic, because a masked store is slow on some CPUs
+                out[p + j] = keep * h + (np.float32(1.0) - keep) * old

@@ -176,7 +176,7 @@ def paint_stars(found, n, row0, row1, width, sky, gain, colour):
         px, py = found[k, 0], found[k, 1]
         if py < row0 - 1.0 or py >= row1:
             continue
-        j, i = int(px), int(math.floor(py))
+        j, i = int(px), math.floor(py)
         fu, fv = np.float32(px - j), np.float32(py - i)
         for a in range(2):
             row = i + a - row0

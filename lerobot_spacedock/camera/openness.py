@@ -33,8 +33,8 @@ def _accumulate(points, normals, basis, low_u, low_v, per_m, size, depth, push, 
         x = points[k, 0] + push * normals[k, 0]
         y = points[k, 1] + push * normals[k, 1]
         z = points[k, 2] + push * normals[k, 2]
-        u = int(math.floor((basis[0, 0] * x + basis[0, 1] * y + basis[0, 2] * z - low_u) * per_m))
-        v = int(math.floor((basis[1, 0] * x + basis[1, 1] * y + basis[1, 2] * z - low_v) * per_m))
+        u = math.floor((basis[0, 0] * x + basis[0, 1] * y + basis[0, 2] * z - low_u) * per_m)
+        v = math.floor((basis[1, 0] * x + basis[1, 1] * y + basis[1, 2] * z - low_v) * per_m)
         if u < 0 or v < 0 or u >= size or v >= size:
             continue
         h = basis[2, 0] * x + basis[2, 1] * y + basis[2, 2] * z

@@ -1,7 +1,7 @@
 """Surface patterns, tileable, 256 texels a side: shade, second colour, and bumps, packed into bytes with mip levels.
 
-Byte 0 is the shade (128 = as the material's colour), byte 1 the share of the material's second colour, bytes 2 and 3 the
-slopes along u and v (128 = flat). ``lerobot_spacedock.station.materials`` names the patterns.
+Byte 0 is the shade (128 = as the material's colour), byte 1 the share of the material's second colour, bytes 2 and 3
+the slopes along u and v (128 = flat). ``lerobot_spacedock.station.materials`` names the patterns.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The pinhole model: intrinsics, extrinsics, and what is accepted as a pose or a Sun direction.
 
-Image coordinates are continuous, in pixels, with the origin at the outer corner of the top left pixel: pixel (row i, column
-j) covers j ≤ u < j+1, i ≤ v < i+1, and its centre is (j+½, i+½).
+Image coordinates are continuous, in pixels, with the origin at the outer corner of the top left pixel: pixel (row i,
+column j) covers j ≤ u < j+1, i ≤ v < i+1, and its centre is (j+½, i+½).
 """
 
 from __future__ import annotations

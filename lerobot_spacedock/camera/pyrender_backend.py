@@ -1,7 +1,8 @@
 """The second backend: pyrender over OpenGL (EGL on a GPU or llvmpipe, else OSMesa), the same station, Sun and camera.
 
-It is the independent witness of the software renderer: another rasteriser, other shading code. All OpenGL work runs on one
-thread of the process, because EGL contexts belong to a thread and deleting one of pyrender's renderers breaks the others.
+It is the independent witness of the software renderer: another rasteriser, other shading code. All OpenGL work runs
+on one thread of the process, because EGL contexts belong to a thread and deleting one of pyrender's renderers breaks
+the others.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from .exposure import light_array
 from .pinhole import checked_pose, checked_sun, intrinsics, rotation_CH
 from .renderer import Buffers
 from .sensor import Sensor
-from .shared import earth_texels, pattern_texels, shared_scene, star_table, warm_up
+from .shared import compiling_notice, earth_texels, pattern_texels, shared_scene, star_table
 
 HEADROOM = 3.0  # light is drawn this much dimmer, so that pyrender's clamp leaves the highlights to the film curve
 SHADOW_REACH_m = 12.0  # half width of pyrender's one shadow map: outside of it nothing is in shadow
@@ -38,8 +39,8 @@ class PyrenderRenderer:
     def __init__(self, config: CameraConfig, station_mesh=None, station_pose=None) -> None:
         self.config = config
         _import_pyrender()
-        warm_up()
-        self._scene = shared_scene(config.port, config.detail, station_mesh, station_pose)
+        with compiling_notice("scene"):
+            self._scene = shared_scene(config.port, config.detail, station_mesh, station_pose)
         self._sensor = Sensor(config) if config.sensor.active else None
         self._pad = self._sensor.pad if self._sensor else (0, 0)
         _on_gl_thread(_stage_for, self._scene)
@@ -118,7 +119,8 @@ def _on_gl_thread(work, *args):
         _gl.pool, _gl.pid = ThreadPoolExecutor(1, "spacedock-gl"), os.getpid()
     if _gl.pid != os.getpid():
         raise SimulationError(
-            "the pyrender backend cannot draw in a forked child of a process that has drawn: OpenGL does not survive fork. "
+            "the pyrender backend cannot draw in a forked child of a process that has drawn: "
+            "OpenGL does not survive fork. "
             "Use forkserver or spawn workers, or the software renderer"
         )
     return _gl.pool.submit(work, *args).result()

@@ -18,7 +18,7 @@ class Buffers(NamedTuple):
     depth_m: np.ndarray
     """(H, W) float32, distance along the view axis at each pixel's centre; ``far_m`` for the sky."""
     segmentation: np.ndarray
-    """(H, W) uint8, part of the station at each pixel's centre (``lerobot_spacedock.station.SEGMENTS``); 0 is the sky."""
+    """(H, W) uint8, index into ``lerobot_spacedock.station.SEGMENTS`` at each pixel's centre; 0 is the sky."""
 
 
 class Renderer(Protocol):

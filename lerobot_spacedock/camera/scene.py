@@ -1,4 +1,4 @@
-"""The scene as the rasteriser wants it: triangles in Hill axes at one port, culling clusters, shading table, shadow maps.
+"""The scene as the rasteriser wants it: triangles at one port, culling clusters, shading table, shadow maps.
 
 Scenes are shared: every renderer in the process that asks for the same station and port gets the same one.
 """

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
 
-from lerobot_spacedock.station import load_station, station_for_port
+from lerobot_spacedock.station import load_station, materials, station_for_port
+from lerobot_spacedock.station.cache import cached_arrays
 from lerobot_spacedock.station.mesh import checked_transform
 
 from .scene import Scene, build_scene
 
 _lock = threading.RLock()
 _scenes: dict[tuple, Scene] = {}
-_warm = False
+_begun: set[str] = set()
+NOTICE_AFTER_s = 3.0
 
 
 def shared_scene(port: str, detail: str, station_mesh=None, station_pose=None) -> Scene:
@@ -39,9 +41,12 @@ def shared_scene(port: str, detail: str, station_mesh=None, station_pose=None) -
 @functools.lru_cache(maxsize=1)
 def pattern_texels() -> np.ndarray:
     """All surface patterns with their mip levels, flat uint32."""
-    from .patterns import make_patterns
+    from . import patterns
 
-    return make_patterns()
+    stored = cached_arrays(
+        "patterns", (patterns.__file__, materials.__file__), lambda: {"texels": patterns.make_patterns()}
+    )
+    return stored["texels"]
 
 
 @functools.lru_cache(maxsize=1)
@@ -60,23 +65,18 @@ def star_table() -> np.ndarray:
     return make_stars()
 
 
-def warm_up() -> None:
-    """Compile or load the kernels; the first time on a machine this takes some seconds, and says so."""
-    global _warm
-    with _lock:
-        if _warm:
-            return
-        notice = threading.Timer(
-            3.0,
-            lambda: print("spacedock: compiling the renderer (once on this machine, about 20 s) ...", file=sys.stderr),
-        )
-        notice.daemon = True
-        notice.start()
-        try:
-            started = time.monotonic()
-            from . import frame, kernels_shadow  # noqa: F401
-
-            _ = started
-        finally:
-            notice.cancel()
-        _warm = True
+@contextlib.contextmanager
+def compiling_notice(stage: str):
+    """Say on standard error that kernels are being compiled, if the first use of a stage takes more than a moment."""
+    if stage in _begun:
+        yield
+        return
+    _begun.add(stage)
+    text = "spacedock: loading the renderer; the first time on a machine it is compiled, about half a minute ..."
+    notice = threading.Timer(NOTICE_AFTER_s, print, (text,), {"file": sys.stderr, "flush": True})
+    notice.daemon = True
+    notice.start()
+    try:
+        yield
+    finally:
+        notice.cancel()

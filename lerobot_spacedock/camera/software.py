@@ -14,7 +14,7 @@ from .kernels_raster import BAND_ROWS, SAMPLE_X_4
 from .pinhole import checked_pose, checked_sun, intrinsics, rotation_CH
 from .renderer import Buffers
 from .sensor import Sensor
-from .shared import earth_texels, pattern_texels, shared_scene, star_table, warm_up
+from .shared import compiling_notice, earth_texels, pattern_texels, shared_scene, star_table
 
 _work = threading.local()
 
@@ -24,8 +24,8 @@ class SoftwareRenderer:
 
     def __init__(self, config: CameraConfig, station_mesh=None, station_pose=None) -> None:
         self.config = config
-        warm_up()
-        self._scene = shared_scene(config.port, config.detail, station_mesh, station_pose)
+        with compiling_notice("scene"):
+            self._scene = shared_scene(config.port, config.detail, station_mesh, station_pose)
         k = intrinsics(config)
         self._view = np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2], config.near_m])
         self._offsets = np.array(SAMPLE_X_4 if config.samples == 4 else (0.5,))
@@ -36,7 +36,8 @@ class SoftwareRenderer:
     def render(self, r_H, q_HB, sun_H, *, generator=None) -> np.ndarray:
         """See :class:`lerobot_spacedock.camera.Renderer`."""
         r, q = checked_pose(r_H, q_HB)
-        return self._image(r, rotation_CH(q), checked_sun(sun_H), generator)
+        with compiling_notice("frame"):
+            return self._image(r, rotation_CH(q), checked_sun(sun_H), generator)
 
     def render_buffers(self, r_H, q_HB, sun_H, *, generator=None) -> Buffers:
         """See :class:`lerobot_spacedock.camera.Renderer`."""
@@ -44,7 +45,8 @@ class SoftwareRenderer:
 
         r, q = checked_pose(r_H, q_HB)
         rot = rotation_CH(q)
-        image = self._image(r, rot, checked_sun(sun_H), generator)
+        with compiling_notice("frame"):
+            image = self._image(r, rot, checked_sun(sun_H), generator)
         scene, config = self._scene, self.config
         depth, segment = draw_geometry(
             scene.corners, scene.faces, scene.clusters, scene.spheres, scene.segment, rot, r, self._view,
@@ -70,8 +72,8 @@ class SoftwareRenderer:
         image = np.empty((config.height, config.width, 3), np.uint8)
         draw_frame(
             scene.corners, scene.faces, scene.clusters, scene.spheres, scene.table, scene.materials,
-            pattern_texels(), maps.maps, maps.start, maps.size, maps.affine, maps.reach, earth_texels(), star_table(), star_gain,
-            light, rot, r, self._wide_view, width, height, BAND_ROWS, self._offsets,
+            pattern_texels(), maps.maps, maps.start, maps.size, maps.affine, maps.reach, earth_texels(), star_table(),
+            star_gain, light, rot, r, self._wide_view, width, height, BAND_ROWS, self._offsets,
             *_scratch(len(scene.corners)), linear.reshape(-1), image.reshape(-1),
         )  # fmt: skip
         return self._sensor.expose(linear, generator) if self._sensor else image

@@ -161,9 +161,8 @@ def kibo(b: Builder) -> None:
     f = pose((X0 + 2.5, -14.94, Z0), PORT, ZENITH)
     barrel(b, f, 11.2, 2.2)
     outfit(b, f, 2.2, 0.8, 10.4, 15, 7)
-    for h in (10.9,):
-        for y in (-0.55, 0.55):
-            b.window(f @ pose((0.75, y, 11.21), (0, 0, 1)), 0.28)
+    for y in (-0.55, 0.55):
+        b.window(f @ pose((0.75, y, 11.21), (0, 0, 1)), 0.28)
     lock = f @ pose((-0.45, 0.0, 11.2), (0, 0, 1))
     b.round([(0.78, 0), (0.78, 0.45), (0.66, 0.5), (0, 0.5)], "aluminium", lock)
     logistics = pose((X0 + 2.5 + 8.6, -14.94, Z0 + 2.2), ZENITH, AFT)

@@ -84,7 +84,7 @@ def _build(detail: str, port: str) -> dict[str, np.ndarray]:
 
 
 def load_station(path: str | Path, station_pose: np.ndarray | None = None) -> StationMesh:
-    """A user's mesh file, moved by ``station_pose`` (4, 4) from its own coordinates in metres into Hill axes at the port."""
+    """A user's mesh file, moved by ``station_pose`` (4, 4) from its own coordinates, m, into Hill axes."""
     import trimesh
 
     path = Path(path).expanduser()

@@ -1,7 +1,8 @@
 """The two docking ports, down to what the camera sees at 0.2 m.
 
-Both are built about local z, which points out of the port along the approach axis, with the docking plane at z = 0; local x
-is the station's zenith. Nothing that belongs in the tunnel stands out of the plane, so the camera can fly up to it.
+Both are built about local z, which points out of the port along the approach axis, with the docking plane at z = 0;
+local x is the station's zenith. Nothing that belongs in the tunnel stands out of the plane, so the camera can fly up to
+it.
 """
 
 from __future__ import annotations
@@ -53,8 +54,8 @@ def zvezda_port(b: Builder, at: np.ndarray, *, near: bool) -> None:
     )
     b.add(
         revolve(
-            [(0.745, -0.006), (0.70, -0.006), (0.70, 0.0), (0.655, 0.0), (0.655, -0.008), (0.635, -0.008), (0.635, -0.001),
-             (0.60, -0.001), (0.60, -0.010), (0.585, -0.010), (0.585, -0.001), (0.545, -0.001)],
+            [(0.745, -0.006), (0.70, -0.006), (0.70, 0.0), (0.655, 0.0), (0.655, -0.008), (0.635, -0.008),
+             (0.635, -0.001), (0.60, -0.001), (0.60, -0.010), (0.585, -0.010), (0.585, -0.001), (0.545, -0.001)],
             n,
         ),
         "machined_ring", at,
@@ -90,8 +91,8 @@ def zvezda_port(b: Builder, at: np.ndarray, *, near: bool) -> None:
             )
     # drogue: a cone that leads the probe's head to the socket, its wear marks, bolts and stiffening step
     b.add(
-        revolve([(0.41, -0.075), (0.395, -0.075), (0.385, -0.085), (0.27, -0.225), (0.262, -0.228), (0.165, -0.345)], n),
-        "drogue", at,
+        revolve([(0.41, -0.075), (0.395, -0.075), (0.385, -0.085), (0.27, -0.225), (0.262, -0.228), (0.165, -0.345)],
+        n), "drogue", at,
     )  # fmt: skip
     b.add(
         revolve([(0.165, -0.345), (0.165, -0.365), (0.150, -0.375), (0.150, -TARGET_DEPTH_m - 0.01)], n),
@@ -134,8 +135,9 @@ def harmony_port(b: Builder, at: np.ndarray, *, near: bool) -> None:
     )
     b.add(
         revolve(
-            [(0.775, -0.03), (0.765, -0.012), (0.72, -0.012), (0.72, 0.0), (0.676, 0.0), (0.676, -0.008), (0.662, -0.008),
-             (0.662, 0.0), (0.63, 0.0), (0.63, -0.008), (0.616, -0.008), (0.616, 0.0), (0.585, 0.0), (0.575, -0.02)],
+            [(0.775, -0.03), (0.765, -0.012), (0.72, -0.012), (0.72, 0.0), (0.676, 0.0), (0.676, -0.008),
+             (0.662, -0.008), (0.662, 0.0), (0.63, 0.0), (0.63, -0.008), (0.616, -0.008), (0.616, 0.0),
+             (0.585, 0.0), (0.575, -0.02)],
             n,
         ),
         "machined_ring", at,
@@ -149,27 +151,16 @@ def harmony_port(b: Builder, at: np.ndarray, *, near: bool) -> None:
     b.add(revolve([(0.60, -0.055), (0.615, -0.045), (0.575, -0.02), (0.53, -0.02), (0.53, -0.10)], n), "aluminium", at)
     for k in range(3):
         a = turn(2 * np.pi * k / 3 + np.pi / 6)
-        half, top = 0.52, 0.15
         for f0, f1 in ((-1.0, -0.45), (-0.45, 0.0), (0.0, 0.45), (0.45, 1.0)):
-            # a petal: an arched plate that leans inwards
-            def edge(f, inner):
-                height = -0.02 + top * (1.0 - abs(f) ** 2.2)
-                r = 0.548 - 0.30 * (height + 0.02) - (0.016 if inner else 0.0)
-                angle = f * half
-                return (
-                    (0.548 - (0.016 if inner else 0.0)) * np.array([np.cos(angle), np.sin(angle), 0]) + [0, 0, -0.02],
-                    r * np.array([np.cos(angle), np.sin(angle), 0]) + [0, 0, height],
-                )
-
             steps = b.pick(2, 4)
             for i in range(steps):
                 g0, g1 = f0 + (f1 - f0) * i / steps, f0 + (f1 - f0) * (i + 1) / steps
                 for inner in (False, True):
-                    (p0, q0), (p1, q1) = edge(g0, inner), edge(g1, inner)
+                    (p0, q0), (p1, q1) = _petal(g0, inner), _petal(g1, inner)
                     order = (p0, p1, q1, q0) if not inner else (p1, p0, q0, q1)
                     b.add(_flat(*order), "aluminium", at, a)
-                (_, q0), (_, q1) = edge(g0, False), edge(g1, False)
-                (_, s0), (_, s1) = edge(g0, True), edge(g1, True)
+                (_, q0), (_, q1) = _petal(g0, False), _petal(g1, False)
+                (_, s0), (_, s1) = _petal(g0, True), _petal(g1, True)
                 b.add(_flat(q0, q1, s1, s0), "machined_ring", at, a)
         strike = turn(2 * np.pi * k / 3 + np.pi / 6 + np.pi / 3)
         b.add(box((0.05, 0.12, 0.05), (0.545, 0, -0.035)), "anodised", at, strike)
@@ -243,6 +234,14 @@ def harmony_port(b: Builder, at: np.ndarray, *, near: bool) -> None:
         if k % 3 == 0:
             b.add(strut((0, 0, 0), (0.16, 0, 0.10), 0.012, 4), "anodised", spot)
             b.add(cylinder(0.03, 0.06, 0.12, 8), "reflector", spot @ shift(x=0.16))
+
+
+def _petal(share: float, inner: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Foot and rim of a guide petal, an arched plate that leans inwards, at -1..1 across it."""
+    height = 0.15 * (1.0 - abs(share) ** 2.2)
+    foot = 0.548 - (0.016 if inner else 0.0)
+    spoke = np.array([np.cos(0.52 * share), np.sin(0.52 * share), 0.0])
+    return foot * spoke + [0, 0, -0.02], (foot - 0.30 * height) * spoke + [0, 0, height - 0.02]
 
 
 def _flat(p0, p1, p2, p3):

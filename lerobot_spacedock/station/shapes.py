@@ -1,7 +1,7 @@
 """Building blocks: patches of triangles with corner normals and texture coordinates in metres.
 
-Every function returns a :class:`Patch` in its own local axes; axis-symmetric shapes stand on ``z``. Patches are triangle
-soups (no shared indices), which suits a rasteriser that transforms only the triangles it does not cull.
+Every function returns a :class:`Patch` in its own local axes; axis-symmetric shapes stand on ``z``. Patches are
+triangle soups (no shared indices), which suits a rasteriser that transforms only the triangles it does not cull.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def disc(inner: float, outer: float, z: float, sides: int) -> Patch:
 
 def sphere(radius: float, sides: int, low: float = -0.5 * np.pi, high: float = 0.5 * np.pi) -> Patch:
     """Sphere about the origin between two latitudes, rad."""
-    rows = max(3, int(round(sides * (high - low) / (2 * np.pi))))
+    rows = max(3, round(sides * (high - low) / (2 * np.pi)))
     lat = np.linspace(low, high, rows + 1)
     return revolve(np.stack([radius * np.cos(lat), radius * np.sin(lat)], -1), sides, smooth=True)
 
@@ -239,7 +239,7 @@ def strut(a, b, radius: float, sides: int = 4) -> Patch:
 
 
 def sheet(p00, p10, p11, p01, *, both: bool = True, cells: tuple[int, int] = (1, 1)) -> Patch:
-    """Flat quadrilateral in ``cells`` pieces, uv in metres along its first two edges; seen from both sides by default."""
+    """Flat quadrilateral in ``cells`` pieces, uv in metres along two edges; seen from both sides by default."""
     p00, p10, p11, p01 = (np.asarray(p, float) for p in (p00, p10, p11, p01))
     s = np.linspace(0, 1, cells[0] + 1)
     t = np.linspace(0, 1, cells[1] + 1)

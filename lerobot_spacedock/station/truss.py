@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from .builder import Builder
@@ -213,7 +215,7 @@ def canadarm(b: Builder) -> None:
         (-8.6, -11.2, 3.6),
         (-8.6, -10.6, 3.0),
     ]
-    for p, q in zip(path[:-1], path[1:], strict=True):
+    for p, q in pairwise(path):
         b.add(strut(p, q, 0.175, n), "white_paint")
     for p in path[1:-1]:
         b.add(sphere(0.27, b.sides(0.25)), "beta_cloth", shift(*p))

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 
 def rays(config, r_H, q_HB, columns, rows):
-    """Origins and directions (N, 3) in Hill axes through pixel centres; directions have unit depth along the view axis."""
+    """Origins and directions (N, 3) in Hill axes through pixel centres; each direction covers 1 m of depth."""
     f = config.height / 2 / np.tan(np.radians(config.vfov_deg) / 2)
     right = (np.asarray(columns) + 0.5 - config.width / 2) / f
     down = (np.asarray(rows) + 0.5 - config.height / 2) / f

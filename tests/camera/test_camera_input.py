@@ -44,7 +44,8 @@ def test_any_pose_gives_a_picture_or_an_input_error(renderer, r, q, sun):
     except InputError:
         assert np.linalg.norm(sun) < 1e-8 or not 0.9 < np.linalg.norm(q) < 1.1
         return
-    assert image.shape == (24, 32, 3) and image.dtype == np.uint8
+    assert image.shape == (24, 32, 3)
+    assert image.dtype == np.uint8
 
 
 @pytest.mark.parametrize(
@@ -75,7 +76,8 @@ def test_wrong_shapes_and_zero_directions(renderer, r, q, sun, name):
 def test_bad_options_say_what_is_allowed(options):
     with pytest.raises(InputError) as caught:
         CameraConfig(**options)
-    assert next(iter(options)) in str(caught.value) and "allowed" in str(caught.value)
+    assert next(iter(options)) in str(caught.value)
+    assert "allowed" in str(caught.value)
 
 
 @pytest.mark.parametrize("options", [{"read_noise": -0.1}, {"blur_px": math.nan}, {"distortion_k1": 3.0}])
@@ -150,4 +152,5 @@ def test_sun_falls_behind_after_noon_and_draws_light_the_port():
     rng = np.random.default_rng(0)
     drawn = np.array([draw_sun(rng) for _ in range(200)])
     np.testing.assert_allclose(np.linalg.norm(drawn, axis=1), 1.0)
-    assert (drawn[:, 1] <= -0.15).all() and min(map(sunlit_share, drawn)) == 1.0
+    assert (drawn[:, 1] <= -0.15).all()
+    assert min(map(sunlit_share, drawn)) == 1.0

@@ -39,7 +39,8 @@ def digest(_=None) -> str:
     return hashlib.sha256(b"".join(draw(name).tobytes() for name in SHOTS)).hexdigest()
 
 
-PROGRAM = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import test_frames_everywhere as t; print(t.digest())"
+HERE = str(Path(__file__).parent)
+PROGRAM = f"import sys; sys.path.insert(0, {HERE!r}); import test_frames_everywhere as t; print(t.digest())"
 
 
 @pytest.mark.parametrize("name", SHOTS)
@@ -99,9 +100,20 @@ def test_read_only_package_and_no_cache_at_all(tmp_path):
 
 
 def test_importing_the_camera_is_light():
-    code = "import sys, lerobot_spacedock.camera; print([m for m in ('numba','OpenGL','trimesh','cv2','torch') if m in sys.modules])"
+    heavy = ("numba", "OpenGL", "trimesh", "cv2", "torch")
+    code = f"import sys, lerobot_spacedock.camera; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="needs Linux's list of loaded libraries")
+def test_no_graphics_library_is_loaded():
+    """The whole process of drawing a frame maps no OpenGL, EGL, OSMesa, Vulkan or X11 library into memory."""
+    code = PROGRAM + "; print(open('/proc/self/maps').read())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "llvmlite" in done.stdout
+    found = [w for w in ("libGL", "libEGL", "libOSMesa", "libvulkan", "libX11", "libgallium") if w in done.stdout]
+    assert not found
 
 
 def test_renderers_share_one_scene():

@@ -43,7 +43,7 @@ def test_intrinsics_and_extrinsics_make_the_pinhole(tmp_path):
         np.testing.assert_allclose([u[0] / u[2], u[1] / u[2], u[2]], closed_form(config, r, q, point), atol=1e-8)
 
 
-@pytest.mark.parametrize("height, width", [(480, 640), (97, 131)])
+@pytest.mark.parametrize(("height", "width"), [(480, 640), (97, 131)])
 def test_drawn_corners_lie_where_the_pinhole_puts_them(tmp_path, height, width):
     """Small balls at a box's corners: the centre of what is drawn is the projected corner to half a pixel."""
     config = CameraConfig(height=height, width=width, shadows=False)
@@ -110,7 +110,7 @@ def test_shadows_agree_with_ray_casts_to_the_sun(port, distance):
     drop = (free - dark).sum(-1)
     mesh = station_for_port(port, "low")
     rng = np.random.default_rng(1)
-    rows, columns = rng.integers(3, 237, 700), rng.integers(3, 317, 700)
+    rows, columns = rng.integers(3, 237, 420), rng.integers(3, 317, 420)
     origins, directions = rays(lit.config, r, q, columns, rows)
     depth, which = cast(mesh.corners, origins, directions, nearest=0.05)
     e1 = mesh.corners[which, 1] - mesh.corners[which, 0]
@@ -128,7 +128,8 @@ def test_shadows_agree_with_ray_casts_to_the_sun(port, distance):
         total += 1
         shadowed += int(in_shadow)
         agree += int(np.isfinite(blocked[0]) == in_shadow)
-    assert total > 100 and shadowed > 10
+    assert total > 60
+    assert shadowed > 8
     assert agree >= 0.98 * total, f"{agree} of {total}"
 
 
@@ -155,9 +156,11 @@ def test_no_holes_between_neighbours(tmp_path):
 def test_looking_away_shows_no_station_and_inside_the_port_still_draws():
     renderer = make_renderer(CameraConfig(height=96, width=128))
     away = renderer.render_buffers((0, -5, 0), (0.5**0.5, 0.5**0.5, 0, 0), SUN)
-    assert (away.segmentation == 0).all() and (away.depth_m == 400).all()
+    assert (away.segmentation == 0).all()
+    assert (away.depth_m == 400).all()
     for y in (0.0, 0.2, 0.33, 0.5):  # through the plane, at the target, behind it
         image = renderer.render((0, y, 0), NOMINAL, SUN)
-        assert image.shape == (96, 128, 3) and image.dtype == np.uint8
+        assert image.shape == (96, 128, 3)
+        assert image.dtype == np.uint8
     inside = renderer.render_buffers((0, 0.1, 0), NOMINAL, SUN)
     assert (inside.segmentation == SEGMENTS.index("zvezda_port")).mean() > 0.95

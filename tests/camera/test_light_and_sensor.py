@@ -27,7 +27,8 @@ def test_shadows_only_darken_and_exposure_only_brightens():
     pose = port_pose("zvezda_aft", 3.0)
     with_shadow = make_renderer(CameraConfig(**SMALL)).render(*pose, SUN).astype(int)
     without = make_renderer(CameraConfig(**SMALL, shadows=False)).render(*pose, SUN).astype(int)
-    assert (with_shadow <= without).all() and (with_shadow < without).mean() > 0.02
+    assert (with_shadow <= without).all()
+    assert (with_shadow < without).mean() > 0.02
     assert mean(exposure=0.3) < mean(exposure=0.9) < mean(exposure=2.0)
 
 
@@ -51,7 +52,8 @@ def test_noise_has_the_stated_spread_and_follows_its_generator():
     a = camera.expose(flat, np.random.default_rng(1))
     b = camera.expose(flat, np.random.default_rng(1))
     c = camera.expose(flat, np.random.default_rng(2))
-    assert (a == b).all() and (a != c).any()
+    assert (a == b).all()
+    assert (a != c).any()
     x = a / 255.0
     linear = np.where(x < 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)  # the sRGB standard's own inverse
     assert linear.mean() == pytest.approx(level, abs=2e-3)
@@ -59,7 +61,8 @@ def test_noise_has_the_stated_spread_and_follows_its_generator():
     fresh = Sensor(CameraConfig(height=200, width=200, sensor=sensor))
     again = Sensor(CameraConfig(height=200, width=200, sensor=sensor))
     first, second = fresh.expose(flat, None), fresh.expose(flat, None)
-    assert (first != second).any() and (again.expose(flat, None) == first).all()
+    assert (first != second).any()
+    assert (again.expose(flat, None) == first).all()
 
 
 def test_encoding_is_srgb_to_one_level():
@@ -78,7 +81,8 @@ def test_blur_keeps_light_and_widens_a_point():
     out = _blur(point, 2.0)[..., 0].astype(float)
     assert out.sum() == pytest.approx(1.0, abs=1e-4)
     y, x = np.mgrid[:61, :61] - 30.0
-    assert (out * x * x).sum() == pytest.approx(4.0, rel=0.03) and (out * y * y).sum() == pytest.approx(4.0, rel=0.03)
+    assert (out * x * x).sum() == pytest.approx(4.0, rel=0.03)
+    assert (out * y * y).sum() == pytest.approx(4.0, rel=0.03)
 
 
 def test_distortion_moves_points_by_its_formula(tmp_path):

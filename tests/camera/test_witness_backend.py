@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 from ray_witness import random_pose
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from lerobot_spacedock.camera import FIXED_SUN_H, CameraConfig, make_renderer
 from lerobot_spacedock.errors import MissingDependencyError, SimulationError
@@ -38,8 +39,10 @@ def test_silhouette_depth_and_shade_agree_over_random_poses(pair):
         assert (station == (b.segmentation > 0)).mean() > 0.998
         assert (a.segmentation == b.segmentation).mean() > 0.995
         both = station & (b.depth_m < 399)
-        gap = np.abs(a.depth_m - b.depth_m)[both]
-        assert (gap < 1e-3 + 3e-4 * a.depth_m[both] ** 2).mean() > 0.97  # an OpenGL depth step grows as z²
+        # pyrender resolves a pixel to one of its samples, not to its centre: allow the range of the neighbours
+        low, high = minimum_filter(a.depth_m, 3)[both], maximum_filter(a.depth_m, 3)[both]
+        step = 1e-3 + 3e-4 * a.depth_m[both] ** 2  # an OpenGL depth step grows as z²
+        assert ((b.depth_m[both] > low - step) & (b.depth_m[both] < high + step)).mean() > 0.99
         if both.sum() < 500:
             continue
         shade_a, shade_b = a.image[both].mean(-1), b.image[both].mean(-1)
@@ -67,5 +70,5 @@ def test_without_gl_libraries_the_message_says_what_to_install():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, check=False)
     assert done.returncode != 0
-    assert "MissingDependencyError" in done.stderr and "libegl1" in done.stderr and "software" in done.stderr
+    assert all(word in done.stderr for word in ("MissingDependencyError", "libegl1", "software"))
     assert ctypes.util.find_library is not None

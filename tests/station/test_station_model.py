@@ -21,7 +21,8 @@ def extent(mesh, segment):
 
 def test_levels_of_detail():
     low, high = (len(station_for_port("zvezda_aft", d)) for d in ("low", "high"))
-    assert 28_000 < low < 46_000 and 95_000 < high < 120_000
+    assert 28_000 < low < 46_000
+    assert 95_000 < high < 120_000
 
 
 def test_every_segment_is_there(station):
@@ -33,13 +34,17 @@ def test_dimensions_are_those_of_the_reference(station):
     low, high = extent(station, "zvezda")
     assert high[0] - low[0] == pytest.approx(29.7, abs=0.6)  # arrays, tip to tip
     low, high = extent(station, "truss")
-    assert low[0] == pytest.approx(-51, abs=0.5) and high[0] == pytest.approx(51, abs=0.5)
+    assert low[0] == pytest.approx(-51, abs=0.5)
+    assert high[0] == pytest.approx(51, abs=0.5)
     low, high = extent(station, "arrays")
-    assert high[2] - low[2] == pytest.approx(2 * 37, abs=4) and high[0] == pytest.approx(55.8, abs=0.5)
+    assert high[2] - low[2] == pytest.approx(2 * 37, abs=4)
+    assert high[0] == pytest.approx(55.8, abs=0.5)
     low, high = extent(station, "columbus")
-    assert low[0] < -8.5 and high[0] < 0  # starboard is -x
+    assert low[0] < -8.5
+    assert high[0] < 0
     low, high = extent(station, "kibo")
-    assert low[0] > 0 and high[0] > 13  # port is +x
+    assert low[0] > 0
+    assert high[0] > 13
     low, high = extent(station, "destiny")
     assert high[1] - low[1] == pytest.approx(8.5, abs=0.1)
     low, high = extent(station, "nauka")
@@ -65,7 +70,8 @@ def test_approach_is_free_and_the_target_stands_inside(port):
     white = [i for i, m in enumerate(MATERIALS) if m.name.startswith("target_")]
     on_target = np.isin(mesh.material, white) & (np.hypot(mesh.corners[..., 0], mesh.corners[..., 2]).max(1) < 0.17)
     depth = -outward * mesh.corners[on_target][..., 1]
-    assert depth.min() > 0.30 and depth.max() < 0.42
+    assert depth.min() > 0.30
+    assert depth.max() < 0.42
 
 
 def test_no_ship_is_at_the_free_ports(station):
@@ -94,7 +100,8 @@ def test_two_builds_are_equal_with_and_without_the_cache(monkeypatch, tmp_path):
     monkeypatch.setenv("SPACEDOCK_CACHE", str(tmp_path / "file"))
     anew = station_for_port("zvezda_aft", "low")
     for other in (stored, anew):
-        assert (first.corners == other.corners).all() and (first.normals == other.normals).all()
+        assert (first.corners == other.corners).all()
+        assert (first.normals == other.normals).all()
     assert list((tmp_path / "a").glob("station-*.npz"))
 
 
