@@ -19,8 +19,10 @@ STRIP_FRAMES = 6
 STRIP_HEIGHT_px = 180
 CITATION = """@misc{posadasnava2025action,
   title  = {Action Chunking with Transformers for Image-Based Spacecraft Guidance and Control},
-  author = {Posadas-Nava, Alejandro and Scorsoglio, Andrea and Ghilardi, Luca and Furfaro, Roberto and Linares,
-  Richard}, year   = {2025}, eprint = {2509.04628}, archivePrefix = {arXiv}
+  author = {Posadas-Nava and Scorsoglio and Ghilardi and Furfaro and Linares},
+  year   = {2025},
+  eprint = {2509.04628},
+  archivePrefix = {arXiv}
 }"""
 _SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
 
