@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from draccus.utils import DecodingError
+from lerobot.utils.constants import OBS_IMAGES
 
 from lerobot_spacedock.errors import InputError, SpaceDockError
 
@@ -80,6 +81,26 @@ def env_option(name: str) -> Any:
     if given is not None and given != "null":
         return given
     return ENV_IDS.get(command_option("env.task"), {}).get(name)
+
+
+def trained_picture_size() -> tuple[int, int] | None:
+    """Rows and columns of the pictures that the command's policy saw, or its dataset holds; None if none is named here.
+
+    LeRobot compares the names of pictures, not their sizes, and a ResNet takes any: a policy that is shown another size
+    than it learnt from would fly, badly, without a word.
+    """
+    for option, file, key in (
+        ("dataset.root", "meta/info.json", "features"),
+        ("policy.path", "config.json", "input_features"),
+    ):
+        folder = command_option(option)
+        path = Path(folder) / file if folder else None
+        if path is not None and path.is_file():
+            feature = json.loads(path.read_text()).get(key, {}).get(f"{OBS_IMAGES}.camera")
+            if feature:
+                rows, columns = (size for size in feature["shape"] if size != 3)
+                return int(rows), int(columns)
+    return None
 
 
 def _names_a_remote_config() -> bool:

@@ -102,6 +102,7 @@ class SpaceDockEnvConfig(EnvConfig):
         config = self.space_dock_config()
         self.features = {ACTION: PolicyFeature(type=FeatureType.ACTION, shape=(ACTION_DIM,))}
         if config.uses_camera:
+            self._check_picture_size()
             shape = (config.camera.height, config.camera.width, 3)
             self.features[f"{OBS_IMAGES}.camera"] = PolicyFeature(type=FeatureType.VISUAL, shape=shape)
         if config.obs_type != "pixels":
@@ -152,6 +153,17 @@ class SpaceDockEnvConfig(EnvConfig):
 
     def get_env_processors(self) -> tuple[PolicyProcessorPipeline, PolicyProcessorPipeline]:
         return PolicyProcessorPipeline(steps=[DropRecordedNames()]), PolicyProcessorPipeline(steps=[])
+
+    def _check_picture_size(self) -> None:
+        trained, own = command_line.trained_picture_size(), (self.camera.height, self.camera.width)
+        if trained is not None and trained != own:
+            with option_errors():
+                raise InputError(
+                    "--env.camera",
+                    f"{own[0]} x {own[1]} pixels",
+                    f"{trained[0]} x {trained[1]}, the pictures that the policy learns from",
+                    f"Add --env.camera.height={trained[0]} --env.camera.width={trained[1]}.",
+                )
 
     def _log_folder(self) -> Path | None:
         training = command_line.running_command() == "lerobot_train"

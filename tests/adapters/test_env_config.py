@@ -1,6 +1,7 @@
 """``--env.type=spacedock``: its options are the environment's, its features the datasets'."""
 
 import dataclasses
+import json
 import sys
 
 import gymnasium as gym
@@ -142,6 +143,23 @@ def test_a_controller_takes_the_attitude_model_of_the_env_that_the_command_names
     command("lerobot-eval", *flags)
     assert SpaceDockMpcConfig(device="cpu").hill_coupling is coupled
     assert SpaceDockMpcConfig(device="cpu", hill_coupling=not coupled).hill_coupling is not coupled
+
+
+@pytest.mark.parametrize(
+    ("flag", "file", "content"),
+    [
+        ("policy.path", "config.json", {"input_features": {"observation.images.camera": {"shape": [3, 96, 128]}}}),
+        ("dataset.root", "meta/info.json", {"features": {"observation.images.camera": {"shape": [96, 128, 3]}}}),
+    ],
+)
+def test_pictures_of_another_size_than_the_policy_learns_from_are_refused(command, tmp_path, flag, file, content):
+    (tmp_path / file).parent.mkdir(exist_ok=True)
+    (tmp_path / file).write_text(json.dumps(content))
+    command("lerobot-eval", f"--{flag}={tmp_path}")
+    with pytest.raises(SpaceDockError, match=r"Add --env\.camera\.height=96 --env\.camera\.width=128"):
+        SpaceDockEnvConfig()
+    SpaceDockEnvConfig(camera=CameraConfig(height=96, width=128))
+    SpaceDockEnvConfig(obs_type="agent_pos")
 
 
 def test_logs_go_to_the_output_folder_and_never_over_older_ones(command, tmp_path):
