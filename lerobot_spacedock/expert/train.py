@@ -121,9 +121,7 @@ def _iterate(config, algorithm, tasks, progress, writer) -> None:
     if config.init_from is not None:
         freeze_actor(algorithm, progress["iteration"] < config.init_critic_iterations)
     tasks.smoothness_weight = smoothness_weight(config, fraction)
-    algorithm.mean_change_coef = (
-        config.ppo.mean_change_coef * tasks.smoothness_weight / max(config.reward.smoothness, 1e-12)
-    )
+    algorithm.mean_change_coef = mean_change_coef(config, fraction)
     algorithm.desired_kl = desired_kl(config, fraction)
     set_std_ceiling(algorithm, std_ceiling(config, fraction))
     start = time.perf_counter()
@@ -156,6 +154,12 @@ def smoothness_weight(config: TrainExpertConfig, fraction: float) -> float:
         return final
     along = min(fraction / config.smoothness_ramp, 1.0)
     return config.smoothness_start * (final / config.smoothness_start) ** along
+
+
+def mean_change_coef(config: TrainExpertConfig, fraction: float) -> float:
+    """Price of the mean command's change in the loss: none while the policy learns to fly, then rising to its value."""
+    start, end = config.ppo.mean_change_from, config.smoothness_ramp
+    return config.ppo.mean_change_coef * float(np.clip((fraction - start) / max(end - start, 1e-9), 0.0, 1.0))
 
 
 def std_ceiling(config: TrainExpertConfig, fraction: float) -> float:

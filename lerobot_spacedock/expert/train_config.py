@@ -83,8 +83,11 @@ class PpoConfig:
     desired_kl: float = 0.01
     # the same at the end of the training: smaller steps settle the last millimetres
     final_desired_kl: float = 0.004
-    # loss per N by which the mean command changes from step to step; grows with the reward's smoothness weight
+    # loss per N by which the mean command changes from step to step, …
     mean_change_coef: float = 0.15
+    # … nothing before this fraction of the training (a policy that may not change its command never starts to fly),
+    # then growing until the reward's smoothness weight has grown
+    mean_change_from: float = 0.3
     # bound on the standard deviation of the exploration when the smoothness weight has grown, in units of output, …
     std_ceiling: float = 0.08
     # … and at the end of the training
@@ -120,7 +123,7 @@ class TrainExpertConfig:
     # torch threads on the CPU; more than one rarely pays at this size
     threads: int = 1
     # environment steps to train on
-    interactions: int = 8_000_000
+    interactions: int = 7_000_000
     # chasers flown at once; each iteration is one whole episode of each
     num_envs: int = 256
     # steps in a training episode; it flies on through the port, so that nothing ends it early

@@ -13,7 +13,7 @@ from safetensors.torch import load_file
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.expert.checkpoint import load_actor
 from lerobot_spacedock.expert.ppo import clear_memory, collect, make_ppo, set_std_ceiling
-from lerobot_spacedock.expert.train import desired_kl, smoothness_weight, std_ceiling, train_expert
+from lerobot_spacedock.expert.train import desired_kl, mean_change_coef, smoothness_weight, std_ceiling, train_expert
 from lerobot_spacedock.expert.train_config import ActorConfig, PpoConfig, TaskShare, TrainExpertConfig
 from lerobot_spacedock.expert.train_state import checkpoints, export_actor
 from lerobot_spacedock.expert.training_tasks import TRAINING_SEEDS_FROM, TrainingTasks
@@ -215,6 +215,10 @@ def test_schedules():
     assert desired_kl(config, 0.3) == pytest.approx(0.01)
     assert desired_kl(config, 0.75) == pytest.approx(0.005)
     assert desired_kl(config, 1.0) == pytest.approx(0.0025)
+    config = replace(config, ppo=PpoConfig(mean_change_coef=0.2, mean_change_from=0.3))
+    assert mean_change_coef(config, 0.3) == 0.0
+    assert mean_change_coef(config, 0.4) == pytest.approx(0.1)
+    assert mean_change_coef(config, 0.8) == pytest.approx(0.2)
 
 
 def test_what_is_refused(tmp_path):
