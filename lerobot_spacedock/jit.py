@@ -20,6 +20,8 @@ from typing import Any
 
 import numba
 
+from lerobot_spacedock.user_cache import user_cache_dir
+
 _ROOT = Path(__file__).parent
 # room of a kernel → rooms whose kernels and constants it may use
 _SOURCES = {"physics": ("physics",), "env": ("physics", "env"), "camera": ("physics", "camera")}
@@ -52,22 +54,21 @@ def cache_dir(room: str) -> Path:
             if source_room == "physics" or b"import jit" in content:
                 digest.update(path.name.encode() + content)
     name = f"{room}-{digest.hexdigest()[:16]}"
-    for base in (user_cache_dir() / "kernels", Path(tempfile.gettempdir()) / f"lerobot_spacedock-{os.getuid()}"):
-        folder = base / name
+    for find_base in (lambda: user_cache_dir() / "kernels", _temporary_dir):
         try:
+            base = find_base()
+            folder = base / name
             folder.mkdir(parents=True, exist_ok=True)
             os.utime(folder)
-        except OSError:
+        except (OSError, RuntimeError):
             continue
         _remove_unused(base)
         return folder
     return Path(tempfile.mkdtemp(prefix="lerobot_spacedock-"))
 
 
-def user_cache_dir() -> Path:
-    """``$XDG_CACHE_HOME/lerobot_spacedock``, in the home folder by default; not made here."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "lerobot_spacedock"
+def _temporary_dir() -> Path:
+    return Path(tempfile.gettempdir()) / f"lerobot_spacedock-{os.getuid()}"
 
 
 def _remove_unused(base: Path) -> None:

@@ -9,6 +9,8 @@ import numpy as np
 from lerobot_spacedock.camera.sun import FIXED_SUN_H, MAX_BETA_rad, draw_sun, sun_from_orbit
 from lerobot_spacedock.env.random import STREAM_SUN
 
+# A new Sun costs new shadow maps, about ten frames' time; in this long it moves by its own diameter, 0.5 deg.
+SUN_REFRESH_s = 8.0
 ECLIPSE_SUN_H = np.array([-1.0, 0.0, 0.0])  # straight below: Earth hides it
 
 
@@ -30,7 +32,8 @@ class SunPath:
             self._phase_rad = generator.uniform(0.0, 2.0 * math.pi)
 
     def at(self, time_s: float) -> np.ndarray:
-        """(3,) unit vector towards the Sun, Hill axes, ``time_s`` into the episode."""
+        """(3,) unit vector towards the Sun, Hill axes, at a time in the episode; it moves every ``SUN_REFRESH_s``."""
         if self._mode == "orbit":
+            time_s = SUN_REFRESH_s * math.floor(time_s / SUN_REFRESH_s)
             return sun_from_orbit(time_s, beta_rad=self._beta_rad, phase_rad=self._phase_rad)
         return self._direction.copy()

@@ -10,12 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-
-def cache_folder() -> Path:
-    """``$SPACEDOCK_CACHE``, or ``spacedock`` in the user's cache folder."""
-    if os.environ.get("SPACEDOCK_CACHE"):
-        return Path(os.environ["SPACEDOCK_CACHE"])
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "spacedock"
+from lerobot_spacedock.user_cache import user_cache_dir
 
 
 def cached_arrays(name: str, source: str | tuple[str, ...], make: Callable[[], dict]) -> dict[str, np.ndarray]:
@@ -27,7 +22,7 @@ def cached_arrays(name: str, source: str | tuple[str, ...], make: Callable[[], d
     for path in (source,) if isinstance(source, str) else source:
         digest.update(Path(path).read_bytes())
     try:
-        path = cache_folder() / f"{name}-{digest.hexdigest()[:16]}.npz"
+        path = user_cache_dir() / f"{name}-{digest.hexdigest()[:16]}.npz"
         with np.load(path, allow_pickle=False) as stored:
             return {key: stored[key] for key in stored.files}
     except (OSError, ValueError, EOFError, KeyError, RuntimeError):
