@@ -32,13 +32,13 @@ class RewardConfig:
     # its scale at the port, m/s, …
     drift_scale_m_s: float = 0.01
     # … and how it grows with the distance to go, m/s per m: far away there is time to be gentle
-    drift_scale_per_m: float = 0.0015
+    drift_scale_per_m: float = 0.0
     # cost of the lateral offset
     lateral: float = 0.25
     # its scale at the port, m, …
     lateral_scale_m: float = 0.015
     # … and how it grows with the distance to go, m per m
-    lateral_scale_per_m: float = 0.01
+    lateral_scale_per_m: float = 0.0
     # cost of the angle to the nominal attitude
     attitude: float = 0.25
     # its scale, deg

@@ -84,10 +84,10 @@ class PpoConfig:
     # the same at the end of the training: smaller steps settle the last millimetres
     final_desired_kl: float = 0.004
     # loss per N by which the mean command changes from step to step, …
-    mean_change_coef: float = 0.15
+    mean_change_coef: float = 0.06
     # … nothing before this fraction of the training (a policy that may not change its command never starts to fly),
     # then growing until the reward's smoothness weight has grown
-    mean_change_from: float = 0.3
+    mean_change_from: float = 0.4
     # bound on the standard deviation of the exploration when the smoothness weight has grown, in units of output, …
     std_ceiling: float = 0.08
     # … and at the end of the training
@@ -123,7 +123,7 @@ class TrainExpertConfig:
     # torch threads on the CPU; more than one rarely pays at this size
     threads: int = 1
     # environment steps to train on
-    interactions: int = 7_000_000
+    interactions: int = 8_000_000
     # chasers flown at once; each iteration is one whole episode of each
     num_envs: int = 256
     # steps in a training episode; it flies on through the port, so that nothing ends it early
@@ -136,7 +136,7 @@ class TrainExpertConfig:
     # weight of the reward's `smoothness` at the start; it grows to its value in `reward` exponentially, …
     smoothness_start: float = 0.003
     # … over this fraction of the training: first to fly, then to fly smoothly
-    smoothness_ramp: float = 0.5
+    smoothness_ramp: float = 0.6
     actor: ActorConfig = field(default_factory=ActorConfig)
     ppo: PpoConfig = field(default_factory=PpoConfig)
     # iterations between checkpoints
