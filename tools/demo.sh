@@ -25,7 +25,7 @@ checkpoint=$out/act/checkpoints/last/pretrained_model
 if [ -f "$checkpoint/model.safetensors" ]; then reuse "$checkpoint"; else
     rm -rf "$out/act"
     lerobot-train --config_path="$configs/act_smoke.yaml" --dataset.repo_id=spacedock/demo \
-        --dataset.root="$out/dataset" --output_dir="$out/act" --steps=300 --save_freq=300 --env_eval_freq=0
+        --dataset.root="$out/dataset" --output_dir="$out/act" --steps=200 --save_freq=200 --env_eval_freq=0
 fi
 
 evaluate() { # label, task, then the policy's flags
