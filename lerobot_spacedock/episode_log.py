@@ -139,9 +139,7 @@ def read_episode_log(path: Path | str) -> EpisodeLog:
     except ValueError as error:
         raise FileFormatError(f"{path}: file metadata 'spacedock' is not JSON ({error}).") from error
     if not isinstance(metadata, dict):
-        raise FileFormatError(
-            f"{path}: file metadata 'spacedock' is {type(metadata).__name__}, not a JSON object."
-        )
+        raise FileFormatError(f"{path}: file metadata 'spacedock' is {type(metadata).__name__}, not a JSON object.")
     reward = column("reward", rows - 1) if "reward" in table.column_names else np.zeros(rows - 1)
     extra = {}
     for name in table.column_names:

@@ -24,7 +24,13 @@ from lerobot_spacedock.expert.imitate import freeze_actor, imitate
 from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
 from lerobot_spacedock.expert.ppo import collect, make_ppo, set_std_ceiling
 from lerobot_spacedock.expert.train_config import TrainExpertConfig
-from lerobot_spacedock.expert.train_state import checkpoints, export_actor, load_checkpoint, save_checkpoint
+from lerobot_spacedock.expert.train_state import (
+    checkpoints,
+    export_actor,
+    load_checkpoint,
+    load_networks,
+    save_checkpoint,
+)
 from lerobot_spacedock.expert.training_tasks import TrainingTasks
 
 __all__ = ["TrainExpertConfig", "train_expert"]
@@ -55,6 +61,8 @@ def train_expert(config: TrainExpertConfig) -> int:
     }  # fmt: skip
     if config.resume:
         progress = load_checkpoint(output / "checkpoints", algorithm, resolved)
+    elif starts_from_checkpoint(config):
+        load_networks(Path(config.init_from), algorithm)
     elif config.init_from is not None:
         progress |= imitate(config, algorithm)
 
@@ -118,7 +126,7 @@ def _prepare(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) 
 def _iterate(config, algorithm, tasks, progress, writer) -> None:
     """One batch of episodes, one update."""
     fraction = progress["iteration"] / config.iterations
-    if config.init_from is not None:
+    if config.init_from is not None and not starts_from_checkpoint(config):
         freeze_actor(algorithm, progress["iteration"] < config.init_critic_iterations)
     tasks.smoothness_weight = smoothness_weight(config, fraction)
     algorithm.mean_change_coef = mean_change_coef(config, fraction)
@@ -154,6 +162,11 @@ def smoothness_weight(config: TrainExpertConfig, fraction: float) -> float:
         return final
     along = min(fraction / config.smoothness_ramp, 1.0)
     return config.smoothness_start * (final / config.smoothness_start) ** along
+
+
+def starts_from_checkpoint(config: TrainExpertConfig) -> bool:
+    """``init_from`` is a checkpoint folder of another training, not a dataset."""
+    return config.init_from is not None and (Path(config.init_from) / "training.safetensors").is_file()
 
 
 def mean_change_coef(config: TrainExpertConfig, fraction: float) -> float:

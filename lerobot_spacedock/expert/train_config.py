@@ -147,7 +147,8 @@ class TrainExpertConfig:
     evaluation_episodes: int = 256
     # stop after this many iterations, keeping a checkpoint to resume from; 0: at the end only
     stop_after: int = 0
-    # folder of a LeRobot dataset, or the repo id of a cached one: imitate it first, then go on with PPO (warm start)
+    # folder of a LeRobot dataset, or the repo id of a cached one: imitate it first, then go on with PPO (warm start);
+    # or the checkpoint folder of another training: start from its networks
     init_from: str | None = None
     # passes over the demonstrations in the warm start
     init_epochs: int = 100

@@ -110,6 +110,22 @@ def load_checkpoint(folder: Path, algorithm: PPO, resolved: dict[str, Any]) -> d
     return state["progress"]
 
 
+def load_networks(path: Path, algorithm: PPO) -> None:
+    """Copies actor and critic of a checkpoint folder, and nothing else of it: the start of another training.
+
+    Raises:
+        FileFormatError: files that cannot be read or do not fit.
+    """
+    try:
+        tensors = load_file(path / "training.safetensors")
+        for name, model in (("actor", algorithm.actor), ("critic", algorithm.critic)):
+            model.load_state_dict(_part(tensors, name))
+    except (OSError, SafetensorError) as error:
+        raise FileFormatError(f"{path / 'training.safetensors'}: cannot be read ({error})") from error
+    except RuntimeError as error:
+        raise FileFormatError(f"{path / 'training.safetensors'}: other networks than configured: {error}") from error
+
+
 def _refuse_other_config(path: Path, saved: dict[str, Any], wanted: dict[str, Any]) -> None:
     free = {"resume", "output_dir", "threads", "device", "stop_after", "checkpoint_every"}
     changed = sorted(name for name in saved.keys() | wanted.keys() if saved.get(name) != wanted.get(name))
