@@ -15,7 +15,7 @@ from lerobot_spacedock.expert.checkpoint import load_actor
 from lerobot_spacedock.expert.ppo import clear_memory, collect, make_ppo, set_std_ceiling
 from lerobot_spacedock.expert.train import desired_kl, mean_change_coef, smoothness_weight, std_ceiling, train_expert
 from lerobot_spacedock.expert.train_config import ActorConfig, PpoConfig, TaskShare, TrainExpertConfig
-from lerobot_spacedock.expert.train_state import checkpoints, export_actor
+from lerobot_spacedock.expert.train_state import checkpoints, export_actor, load_networks
 from lerobot_spacedock.expert.training_tasks import TRAINING_SEEDS_FROM, TrainingTasks
 
 
@@ -292,3 +292,20 @@ def test_exploration_has_a_ceiling(parts):
     assert std_ceiling(config, 0.0) == pytest.approx(config.actor.initial_std)
     assert std_ceiling(config, config.smoothness_ramp) == pytest.approx(config.ppo.std_ceiling)
     assert std_ceiling(config, 1.0) == pytest.approx(config.ppo.final_std_ceiling)
+
+
+def test_a_second_stage_starts_from_the_networks_of_the_first(tmp_path):
+    train_expert(small(tmp_path / "first"))
+    first = checkpoints(tmp_path / "first" / "checkpoints")[-1]
+    config = small(tmp_path / "second", init_from=str(first))
+    algorithm = make_ppo(config, TrainingTasks(config).reset(0))
+    load_networks(first, algorithm)
+    exported = export_actor(config, algorithm).state_dict()
+    assert all(torch.equal(value, exported[name]) for name, value in weights(first).items())
+    train_expert(config)
+    account = json.loads((tmp_path / "second" / "training.json").read_text())
+    assert account["interactions"] == 320
+    assert account["demonstration_frames"] == 0
+    other = small(tmp_path / "third", init_from=str(first), actor=ActorConfig(lstm_size=4, hidden_sizes=[8]))
+    with pytest.raises(FileFormatError, match="other networks"):
+        train_expert(other)
