@@ -37,7 +37,7 @@ demo: $(INSTALLED) ## demonstrations, ACT, evaluation and report in minutes
 
 .PHONY: test
 test: $(INSTALLED) ## every test but the slow and the GPU ones
-	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_ARGS)
 
 .PHONY: test-slow
 test-slow: $(INSTALLED) ## the tests that take minutes each

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import platform
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -48,11 +50,26 @@ def train_expert(config: TrainExpertConfig) -> int:
     output = Path(config.output_dir)
     resolved = json.loads(json.dumps(asdict(config)))
     _prepare(config, output, resolved)
-    torch.set_num_threads(config.threads)
-    np.finfo(np.float32), np.finfo(np.float64)  # numpy looks at subnormals once, and warns if they are gone by then
-    # subnormal numbers in decaying LSTM states cost a factor on some CPUs and mean nothing
-    torch.set_flush_denormal(True)
+    with _fast_arithmetic(config.threads):
+        _train(config, output, resolved)
+    return 0
 
+
+@contextlib.contextmanager
+def _fast_arithmetic(threads: int) -> Iterator[None]:
+    """Flushes subnormal numbers (in decaying LSTM states they cost a factor and mean nothing); undone at the end."""
+    np.finfo(np.float32), np.finfo(np.float64)  # numpy looks at subnormals once, and warns if they are gone by then
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_flush_denormal(False)
+        torch.set_num_threads(before)
+
+
+def _train(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) -> None:
     tasks = TrainingTasks(config)
     algorithm = make_ppo(config, tasks.reset(0))
     progress: dict[str, Any] = {
@@ -90,7 +107,6 @@ def train_expert(config: TrainExpertConfig) -> int:
             if last or progress["iteration"] % config.checkpoint_every == 0:
                 save_checkpoint(output / "checkpoints", config, algorithm, progress, resolved)
     _finish(config, algorithm, progress, output, resolved)
-    return 0
 
 
 class _Clock:
