@@ -42,7 +42,8 @@ def curves(folders: list[Path], png: Path) -> None:
         training = json.loads((folder / "training.json").read_text())
         curve = training["curve"]
         x = [point["interactions"] / 1e6 for point in curve]
-        label = f"{folder.name} ({training['cpu_s'] / 60:.0f} CPU min)"
+        cost = f" ({training['cpu_s'] / 60:.0f} CPU min)" if "cpu_s" in training else ""
+        label = folder.name + cost
         for row, task in enumerate(CURVE_TASKS):
             for column, (key, _, factor, _) in enumerate(PANELS):
                 axes[row, column].plot(x, [factor * point[task][key] for point in curve], label=label)

@@ -84,14 +84,14 @@ class PpoConfig:
     # the same at the end of the training: smaller steps settle the last millimetres
     final_desired_kl: float = 0.004
     # loss per N by which the mean command changes from step to step, …
-    mean_change_coef: float = 0.06
+    mean_change_coef: float = 0.0
     # … nothing before this fraction of the training (a policy that may not change its command never starts to fly),
     # then growing until the reward's smoothness weight has grown
-    mean_change_from: float = 0.4
+    mean_change_from: float = 0.0
     # bound on the standard deviation of the exploration when the smoothness weight has grown, in units of output, …
-    std_ceiling: float = 0.08
+    std_ceiling: float = 1.0
     # … and at the end of the training
-    final_std_ceiling: float = 0.04
+    final_std_ceiling: float = 1.0
     max_grad_norm: float = 1.0
     # hidden layers of the critic
     critic_hidden_sizes: list[int] = field(default_factory=lambda: [128, 128])
@@ -136,7 +136,7 @@ class TrainExpertConfig:
     # weight of the reward's `smoothness` at the start; it grows to its value in `reward` exponentially, …
     smoothness_start: float = 0.003
     # … over this fraction of the training: first to fly, then to fly smoothly
-    smoothness_ramp: float = 0.6
+    smoothness_ramp: float = 0.7
     actor: ActorConfig = field(default_factory=ActorConfig)
     ppo: PpoConfig = field(default_factory=PpoConfig)
     # iterations between checkpoints
