@@ -103,6 +103,16 @@ def trained_picture_size() -> tuple[int, int] | None:
     return None
 
 
+def refuse_missing_checkpoint() -> None:
+    """Raises ``InputError`` where ``--policy.path`` can only be a folder and is none: LeRobot would ask the hub."""
+    given = command_option("policy.path")
+    if not given or Path(given).expanduser().exists():
+        return
+    if given.startswith(("/", ".", "~")) or given.count("/") > 1:  # a repository is called user/name
+        mend = "A training writes it to OUTPUT_DIR/checkpoints/last/pretrained_model."
+        raise InputError("--policy.path", given, "a folder that exists, or a hub repository, user/name", mend)
+
+
 def _names_a_remote_config() -> bool:
     from lerobot.configs import parser
 

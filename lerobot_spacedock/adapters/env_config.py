@@ -132,6 +132,7 @@ class SpaceDockEnvConfig(EnvConfig):
             OptionError: an unknown task, or an option out of its range.
         """
         with option_errors():
+            command_line.refuse_missing_checkpoint()
             if self.task not in ENV_IDS:
                 raise InputError("--env.task", self.task, " | ".join(ENV_IDS))
             return SpaceDockConfig.from_options(env_id=self.task, **(ENV_IDS[self.task] | self.gym_kwargs))

@@ -180,3 +180,12 @@ def test_logs_go_to_the_output_folder_and_never_over_older_ones(command, tmp_pat
     env = make_env(config, n_envs=1)["spacedock"][0]
     assert env.get_attr("config")[0].log_dir.endswith("evaluation_0001")
     env.close()
+
+
+@pytest.mark.parametrize("path", ["outputs/none/pretrained_model", "./none", "/none/at/all"])
+def test_a_checkpoint_that_is_not_there_is_named_before_the_hub_is_asked(path, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["lerobot-eval", "--env.type=spacedock", f"--policy.path={path}"])
+    with pytest.raises(Exception, match=r"--policy\.path: got .*a folder that exists"):
+        SpaceDockEnvConfig()
+    monkeypatch.setattr("sys.argv", ["lerobot-eval", "--env.type=spacedock", "--policy.path=user/name"])
+    SpaceDockEnvConfig()
