@@ -10,6 +10,7 @@ NumPy loop over the same equations of motion (one Runge–Kutta step of order 4)
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import time
@@ -43,8 +44,10 @@ def rate(step: Callable[[], object], batch: int, seconds: float) -> float:
     return best
 
 
-def commands(batch: int) -> np.ndarray:
-    return np.random.default_rng(0).uniform(-1, 1, (batch, 6)) * [20, 20, 20, 0.5, 0.5, 0.5]
+def commands(batch: int) -> list[np.ndarray]:
+    """Commands of a few steps, flown in turn; ever the same torque would only measure chasers that spin."""
+    generator = np.random.default_rng(0)
+    return [generator.uniform(-1, 1, (batch, 6)) * [20, 20, 20, 0.5, 0.5, 0.5] for _ in range(16)]
 
 
 def numpy_step(state: np.ndarray, action: np.ndarray) -> np.ndarray:
@@ -71,7 +74,8 @@ def numpy_step(state: np.ndarray, action: np.ndarray) -> np.ndarray:
 
 
 def measure(batch: int, seconds: float, threads: int) -> dict[str, float]:
-    action = commands(batch)
+    bank = commands(batch)
+    action, turns = bank[0], itertools.cycle(bank)
     results = {}
     start = BatchedSpaceDock(batch)
     start.reset(np.arange(batch))
@@ -86,7 +90,7 @@ def measure(batch: int, seconds: float, threads: int) -> dict[str, float]:
         ):
             env = BatchedSpaceDock(batch, config, threads=used, auto_reset=True)
             env.reset(np.arange(batch))
-            results[f"{name}, {used} thread(s)"] = rate(lambda env=env: env.step(action), batch, seconds)
+            results[f"{name}, {used} thread(s)"] = rate(lambda env=env: env.step(next(turns)), batch, seconds)
     results["NumPy RK4, dynamics"] = rate(lambda: numpy_step(state, action), batch, seconds)
     vbar_rate = _vbar(batch, seconds)
     if vbar_rate:

@@ -36,7 +36,9 @@ Task = namedtuple(
 )
 
 
-_NOTHING = np.zeros((0, len(OBSERVATION_INDICES)), dtype=np.float32)
+_OBSERVED = np.array(OBSERVATION_INDICES)
+_ALL_COLUMNS = np.arange(STATE_DIM)
+_NOTHING = np.zeros((0, len(_OBSERVED)), dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -190,15 +192,18 @@ class BatchedSpaceDock:
 
     def observe(self) -> np.ndarray:
         """(N, 13) float32: the sensors' reading of every row, dataset order and units."""
-        return self.observe_full()[:, OBSERVATION_INDICES].astype(np.float32)
+        return self._read(np.empty((self.count, len(_OBSERVED)), dtype=np.float32), _OBSERVED)
 
     def observe_full(self) -> np.ndarray:
         """(N, 14) float64: the same with the mass; overwritten by the next call."""
+        return self._read(self._full_observation, _ALL_COLUMNS)
+
+    def _read(self, out: np.ndarray, columns: np.ndarray) -> np.ndarray:
         if self._blocks > 1:
-            kernels.observe_parallel(self._blocks, self.sim, self._full_observation)
+            kernels.observe_parallel(self._blocks, self.sim, out, columns)
         else:
-            kernels.observe_rows(0, self.count, self.sim, self._full_observation)
-        return self._full_observation
+            kernels.observe_rows(0, self.count, self.sim, out, columns)
+        return out
 
     def report(self, state: np.ndarray) -> dict[str, np.ndarray]:
         """Contact quantities and box conditions of SI states (M, 14) under this task's rules."""

@@ -18,6 +18,7 @@ import numpy as np
 from lerobot_spacedock.env.reward_config import RewardConfig
 from lerobot_spacedock.env.speed_profile import SpeedProfile
 from lerobot_spacedock.jit import jit
+from lerobot_spacedock.physics.elementary import angle_of, log_positive
 
 STEP_TERMS = ("alive", "closing", "drift", "lateral", "attitude", "rate", "smoothness")
 TERMINAL_FACTORS = {
@@ -79,10 +80,12 @@ def packed_weights(config: RewardConfig) -> np.ndarray:
 LOG_WELL_CAP = 10.0
 
 
-@jit(inline="always")
+@jit(forceinline=True)
 def log_well(value, scale):
     """``½ ln(1 + (value / scale)²)``, at most ``LOG_WELL_CAP``."""
-    return min(0.5 * math.log1p((value / scale) ** 2), LOG_WELL_CAP)
+    ratio = value / scale
+    depth = 0.5 * log_positive(1.0 + ratio * ratio)
+    return depth if depth < LOG_WELL_CAP else LOG_WELL_CAP
 
 
 @jit
@@ -98,9 +101,17 @@ def wanted_closing_speed(axial_m, weights):
     return (1.0 - fraction) * weights[TABLE + left] + fraction * weights[TABLE + left + 1]
 
 
-@jit
-def step_terms(axial_sign, r, v, error, omega, action, previous, first, weights, terms, i):
-    """Fills ``terms[i]`` with the weighted terms (``STEP_TERMS``, costs negative) and returns their sum.
+@jit(forceinline=True)
+def weight_scalars(w):
+    """The scalars of ``packed_weights`` as a tuple: values that a loop need not read again."""
+    return (
+        w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7], w[8], w[9], w[10], w[11], w[12], w[13], w[14], w[15], w[16],
+    )  # fmt: skip
+
+
+@jit(forceinline=True)
+def step_terms(axial_sign, r, v, error, omega, action, previous, wanted_m_s, changed, w):
+    """The weighted terms of a step, 7-tuple (``STEP_TERMS``, costs negative). Without a branch: see ``kernels.py``.
 
     Args:
         axial_sign: of the port's outward normal along y.
@@ -108,44 +119,41 @@ def step_terms(axial_sign, r, v, error, omega, action, previous, first, weights,
         error: 4-tuple, attitude relative to nominal, body axes.
         omega: rad/s, 3-tuple, body rate relative to the station.
         action, previous: 6-tuples, N and N·m.
-        first: there is no previous command.
-        weights: ``packed_weights``.
+        wanted_m_s: ``wanted_closing_speed`` at this place.
+        changed: 1.0, or 0.0 where there is no previous command.
+        w: the scalars of ``packed_weights``, tuple.
     """
-    w = weights
     axial = axial_sign * r[1]
-    to_go = max(axial, 0.0)
-    closing_error = -axial_sign * v[1] - wanted_closing_speed(axial, w)
-    drift_error = math.hypot(v[0] + r[0] / w[LATERAL_TIME], v[2] + r[2] / w[LATERAL_TIME])
+    to_go = axial if axial > 0.0 else 0.0
+    closing_error = -axial_sign * v[1] - wanted_m_s
+    drift_x, drift_z = v[0] + r[0] / w[LATERAL_TIME], v[2] + r[2] / w[LATERAL_TIME]
+    drift_error = math.sqrt(drift_x * drift_x + drift_z * drift_z)
 
-    sign = 1.0 if error[0] >= 0.0 else -1.0
-    sine = math.sqrt(error[1] ** 2 + error[2] ** 2 + error[3] ** 2)
-    angle = 2.0 * math.atan2(sine, abs(error[0]))
-    per_sine = sign * (angle / sine if sine > 1e-12 else 2.0) / w[ATTITUDE_TIME]
+    sine = math.sqrt(error[1] * error[1] + error[2] * error[2] + error[3] * error[3])
+    angle = 2.0 * angle_of(sine, abs(error[0]))
+    per_sine = angle / (sine if sine > 1e-12 else 1.0)
+    per_sine = per_sine if sine > 1e-12 else 2.0
+    per_sine = (per_sine if error[0] >= 0.0 else -per_sine) / w[ATTITUDE_TIME]
+    rate_x, rate_y = omega[0] + per_sine * error[1], omega[1] + per_sine * error[2]
+    rate_z = omega[2] + per_sine * error[3]
     to_deg = 180.0 / math.pi
-    rate_error = to_deg * math.sqrt(
-        (omega[0] + per_sine * error[1]) ** 2
-        + (omega[1] + per_sine * error[2]) ** 2
-        + (omega[2] + per_sine * error[3]) ** 2
-    )
+    rate_error = to_deg * math.sqrt(rate_x * rate_x + rate_y * rate_y + rate_z * rate_z)
 
-    change = 0.0
-    if not first:
-        for j in range(6):
-            change += (action[j] - previous[j]) ** 2
+    d0, d1, d2 = action[0] - previous[0], action[1] - previous[1], action[2] - previous[2]
+    d3, d4, d5 = action[3] - previous[3], action[4] - previous[4], action[5] - previous[5]
+    change = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2 + d3 * d3 + d4 * d4 + d5 * d5)
 
-    lateral = math.hypot(r[0], r[2])
+    lateral = math.sqrt(r[0] * r[0] + r[2] * r[2])
     scale = w[SCALE]
-    terms[i, 0] = scale * w[ALIVE]
-    terms[i, 1] = -scale * w[CLOSING] * log_well(closing_error, w[CLOSING_SCALE])
-    terms[i, 2] = -scale * w[DRIFT] * log_well(drift_error, w[DRIFT_SCALE] + w[DRIFT_GROWTH] * to_go)
-    terms[i, 3] = -scale * w[LATERAL] * log_well(lateral, w[LATERAL_SCALE] + w[LATERAL_GROWTH] * to_go)
-    terms[i, 4] = -scale * w[ATTITUDE] * log_well(to_deg * angle, w[ATTITUDE_SCALE])
-    terms[i, 5] = -scale * w[RATE] * log_well(rate_error, w[RATE_SCALE])
-    terms[i, 6] = -scale * w[SMOOTHNESS] * math.sqrt(change)
-    total = 0.0
-    for j in range(7):
-        total += terms[i, j]
-    return total
+    return (
+        scale * w[ALIVE],
+        -scale * w[CLOSING] * log_well(closing_error, w[CLOSING_SCALE]),
+        -scale * w[DRIFT] * log_well(drift_error, w[DRIFT_SCALE] + w[DRIFT_GROWTH] * to_go),
+        -scale * w[LATERAL] * log_well(lateral, w[LATERAL_SCALE] + w[LATERAL_GROWTH] * to_go),
+        -scale * w[ATTITUDE] * log_well(to_deg * angle, w[ATTITUDE_SCALE]),
+        -scale * w[RATE] * log_well(rate_error, w[RATE_SCALE]),
+        -scale * w[SMOOTHNESS] * (changed * change),
+    )
 
 
 def terminal_bonus(report: dict[str, np.ndarray], miss_m: np.ndarray, config: RewardConfig) -> np.ndarray:

@@ -63,7 +63,7 @@ def set_nominal_chaser(parameters, i):
         parameters[i, p.THRUST_MAP + 4 * j] = 1.0
         parameters[i, p.TORQUE_MAP + 4 * j] = 1.0
     parameters[i, p.EXHAUST_SPEED] = SPECIFIC_IMPULSE_s * STANDARD_GRAVITY_m_s2
-    parameters[i, p.ISOTROPIC] = 1.0
+    parameters[i, p.SIMPLE] = 1.0
     return CHASER_MASS_kg
 
 
@@ -84,9 +84,9 @@ def draw_chaser(key, ranges, parameters, i):
     parameters[i, at + 2] = parameters[i, at + 6] = jxz
     parameters[i, at + 5] = parameters[i, at + 7] = jyz
     _invert_symmetric(parameters, i)
-    parameters[i, p.ISOTROPIC] = 0.0
+    parameters[i, p.SIMPLE] = 0.0
     if jxy == 0.0 and jxz == 0.0 and jyz == 0.0 and ranges[1] == 0.0:
-        parameters[i, p.ISOTROPIC] = 1.0
+        parameters[i, p.SIMPLE] = 1.0
 
     a, b = normal_pair(key, STREAM_CHASER, 50)
     c, _ = normal_pair(key, STREAM_CHASER, 51)
@@ -129,8 +129,10 @@ def draw_sensor(key, ranges, sensor, i):
     sensor[i, SENSOR_RANGE_NOISE] = ranges[18]
 
 
-@jit
+@jit(forceinline=True)
 def draw_step(key, index, mean_s, std_s, least_s, most_s):
     """Length of step ``index`` of the episode, s: normal, clipped."""
     value, _ = normal_pair(key, STREAM_STEP, index)
-    return min(max(mean_s + std_s * value, least_s), most_s)
+    drawn = mean_s + std_s * value
+    drawn = drawn if drawn > least_s else least_s
+    return drawn if drawn < most_s else most_s

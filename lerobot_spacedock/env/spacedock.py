@@ -142,7 +142,7 @@ class SpaceDockEnv(gym.Env):
             "dt": [],
             "reward": [],
         }
-        info = self._info()
+        info = self._info(self._true_state())
         if self.config.uses_camera:
             info["camera_intrinsics"] = intrinsics(self.config.camera)
         return self._observation(), info
@@ -158,16 +158,16 @@ class SpaceDockEnv(gym.Env):
             raise gym.error.ResetNeeded("the episode has ended: call reset() before the next step()")
         result = self._simulator.step(_check_action(action)[None], observe=False)
         sim = self._simulator.sim
-        reward = float(result.reward[0])
+        reward, state = float(result.reward[0]), self._true_state()
         for name, value in (
             ("time", float(sim.time[0])),
-            ("state", self._true_state()),
+            ("state", state),
             ("action", sim.action[0].copy()),
             ("dt", float(sim.dt[0])),
             ("reward", reward),
         ):
             self._trace[name].append(value)
-        info = self._info()
+        info = self._info(state.copy())
         info |= {f"reward_{name}": float(value) for name, value in zip(STEP_TERMS, sim.terms[0], strict=True)}
         info["reward_terminal"] = reward - float(sim.terms[0].sum())
         terminated, truncated = bool(result.terminated[0]), bool(result.truncated[0])
@@ -227,7 +227,7 @@ class SpaceDockEnv(gym.Env):
             state[POSITION], state[QUATERNION], self._sun.at(float(self._simulator.sim.time[0]))
         )
 
-    def _info(self) -> dict[str, Any]:
+    def _info(self, state: np.ndarray) -> dict[str, Any]:
         sim = self._simulator.sim
         info = {
             "is_success": False,
@@ -236,7 +236,7 @@ class SpaceDockEnv(gym.Env):
             "dt_s": float(sim.dt[0]) if self._trace["dt"] else 0.0,
             "mass_kg": float(sim.state[0, 6]),
             "clipped_actions": int(sim.clipped[0]),
-            "state": self._true_state(),
+            "state": state,
             "sun_H": self._sun.at(float(sim.time[0])),
         }
         if self.config.uses_camera:

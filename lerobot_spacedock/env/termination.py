@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from lerobot_spacedock.jit import jit
 from lerobot_spacedock.physics.propagate import propagate_row
 
@@ -25,6 +23,14 @@ CROSSING_TOLERANCE_s = 1e-11  # 1e-11 s at 1 m/s: far below the integration erro
 _MAX_BISECTIONS = 60
 
 
+@jit(forceinline=True)
+def may_cross(start_m, end_m, start_m_s, end_m_s, step_s):
+    """Whether a step can have met the port plane: axial distance and speed (outward) at both its ends."""
+    # the closest that free deceleration can have come within the step
+    dips = (start_m_s < 0.0) & (end_m_s > 0.0) & (min(start_m, end_m) <= -start_m_s * step_s)
+    return (start_m > 0.0) & ((end_m <= 0.0) | dips)
+
+
 @jit
 def time_of_crossing(before, after, action, step_s, parameters, row, mean_motion, coupling, axial_sign):
     """When, inside a step, the reference point first meets the port plane coming from outside.
@@ -38,14 +44,10 @@ def time_of_crossing(before, after, action, step_s, parameters, row, mean_motion
         or -1.0 where the plane is not met. A dip through the plane and back within the step counts.
     """
     start, end = axial_sign * before[1], axial_sign * after[1]
-    if start <= 0.0:
+    if not may_cross(start, end, axial_sign * before[4], axial_sign * after[4], step_s):
         return -1.0
     low, high = 0.0, step_s
     if end > 0.0:
-        closing_then_opening = axial_sign * before[4] < 0.0 < axial_sign * after[4]
-        # the closest that free deceleration can have come within the step
-        if not closing_then_opening or min(start, end) > -axial_sign * before[4] * step_s:
-            return -1.0
         for _ in range(_MAX_BISECTIONS):  # to the turning point: where the axial speed changes sign
             middle = 0.5 * (low + high)
             state = propagate_row(before, action, middle, parameters, row, mean_motion, coupling, 0)
@@ -70,16 +72,18 @@ def time_of_crossing(before, after, action, step_s, parameters, row, mean_motion
     return high
 
 
-@jit
+@jit(forceinline=True)
 def judge_place(r, axial_sign, crossed, capture_radius, station_radius, corridor, tangent, mouth_radius, volume_radius):
     """The outcome code of a place in a contact task; ``crossed``: it is where the port plane was met."""
-    axial, lateral = axial_sign * r[1], math.hypot(r[0], r[2])
-    if crossed and lateral <= capture_radius:
+    axial, lateral2 = axial_sign * r[1], r[0] * r[0] + r[2] * r[2]
+    if crossed and lateral2 <= capture_radius * capture_radius:
         return CONTACT
-    if axial <= 0.0 and lateral <= station_radius:
+    if axial <= 0.0 and lateral2 <= station_radius * station_radius:
         return COLLISION
-    if corridor and lateral > mouth_radius + tangent * max(axial, 0.0):
-        return CORRIDOR
-    if math.sqrt(axial * axial + lateral * lateral) > volume_radius:
+    if corridor:
+        width = mouth_radius + tangent * max(axial, 0.0)
+        if lateral2 > width * width:
+            return CORRIDOR
+    if axial * axial + lateral2 > volume_radius * volume_radius:
         return VOLUME
     return RUNNING

@@ -17,7 +17,7 @@ TORQUE_MAP = 27  # 9, commanded → executed torque
 TORQUE_BIAS = 36  # 3, N·m, constant, body axes
 COM_OFFSET = 39  # 3, m, centre of mass as seen from the reference point, body axes
 EXHAUST_SPEED = 42  # 1, m/s, Isp·g0
-ISOTROPIC = 43  # 1, 1.0 where J is a multiple of the identity
+SIMPLE = 43  # 1, 1.0 where J is a multiple of the identity and the centre of mass is the reference point
 PARAMETER_DIM = 44
 
 
@@ -73,7 +73,8 @@ class ChaserParameters:
         if not (np.isfinite(inertia).all() and symmetric and (np.linalg.eigvalsh(inertia) > 0.0).all()):
             raise InputError("inertia_kg_m2", inertia, "symmetric positive definite 3×3 matrices in kg·m², all finite")
         packed[:, INERTIA_INVERSE : INERTIA_INVERSE + 9] = np.linalg.inv(inertia).reshape(-1, 9)
-        packed[:, ISOTROPIC] = (inertia == inertia[:, :1, :1] * np.eye(3)).all(axis=(1, 2))
+        isotropic = (inertia == inertia[:, :1, :1] * np.eye(3)).all(axis=(1, 2))
+        packed[:, SIMPLE] = isotropic & (packed[:, COM_OFFSET : COM_OFFSET + 3] == 0.0).all(axis=1)
         if not (np.isfinite(packed).all() and (packed[:, EXHAUST_SPEED] > 0.0).all()):
             raise InputError("chaser parameters", "a value that is not finite or an Isp ≤ 0", "finite, Isp > 0")
         return packed

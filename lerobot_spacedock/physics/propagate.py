@@ -6,6 +6,10 @@ end by the exact transition; the mass linear in time, as a constant flow makes i
 thrust that keeps its direction at constant mass, to rounding. Substeps are as many as keep the turn in each below
 ``SUBSTEP_ANGLE_rad``: one, in any sane docking.
 
+A batch flies in blocks of ``LANES`` chasers, column by column in a scratch array, so that the compiler puts several
+into one vector register; what is unusual (more than one substep, an inertia unlike its neighbours') flies by itself.
+Both ways are the same arithmetic (``substep.py``) and agree to the bit.
+
 State: 14 values of ``frames.STATE_NAMES``, SI, rad/s; position and velocity of the **reference point**, inertial rate.
 """
 
@@ -22,34 +26,67 @@ from lerobot_spacedock.physics import chaser as p
 from lerobot_spacedock.physics.chaser import ChaserParameters
 from lerobot_spacedock.physics.constants import MEAN_MOTION_rad_s
 from lerobot_spacedock.physics.frames import ACTION_DIM, STATE_DIM
-from lerobot_spacedock.physics.relative_motion import hcw_transition_row, sine_cosine
-from lerobot_spacedock.physics.rigid_body import (
-    advance_attitude,
-    axpy,
-    cross,
-    multiply_matrix,
-    multiply_quaternions,
-    rotate_vector,
-    rotate_vector_inverse,
-    scaled,
-)
+from lerobot_spacedock.physics.relative_motion import SMALL_ANGLE_rad, sine_cosine, small_sine_cosine
+from lerobot_spacedock.physics.rigid_body import axpy, cross, multiply_matrix, scaled
+from lerobot_spacedock.physics.substep import executed, shift_point, substep_general, substep_isotropic
 
 SUBSTEP_ANGLE_rad = 0.03  # whole episodes then stay within 1e-6 m and 1e-8 rad (tests/physics/test_propagate.py)
 MAX_SUBSTEPS = 4096
 
+# a block's scratch array, (BLOCK_ROWS, LANES): what each row holds
+LANES = 32
+BLOCK_STATE = 0  # 14, before the step
+BLOCK_ACTION = BLOCK_STATE + STATE_DIM  # 6
+BLOCK_STEP = BLOCK_ACTION + ACTION_DIM  # 1, s
+BLOCK_CHASER = BLOCK_STEP + 1  # PARAMETER_DIM, as packed
+BLOCK_AFTER = BLOCK_CHASER + p.PARAMETER_DIM  # 14, after the step
+BLOCK_UNUSUAL = BLOCK_AFTER + STATE_DIM  # 1: not flown, other than 0 if so
+BLOCK_ROWS = BLOCK_UNUSUAL + 1
 
-@jit(inline="always")
-def substeps_needed(omega, alpha, step_s):
-    """How many substeps keep the turn in each below ``SUBSTEP_ANGLE_rad``; ``MAX_SUBSTEPS`` at most."""
-    rate2 = omega[0] ** 2 + omega[1] ** 2 + omega[2] ** 2
-    growth2 = (alpha[0] ** 2 + alpha[1] ** 2 + alpha[2] ** 2) * step_s * step_s
-    # (a + b)² ≤ 2 (a² + b²): the usual case, without a root
-    if 2.0 * (rate2 + growth2) * step_s * step_s < SUBSTEP_ANGLE_rad * SUBSTEP_ANGLE_rad:
+
+@jit
+def substeps_needed(turn2, step_s):
+    """How many substeps keep the turn in each below ``SUBSTEP_ANGLE_rad``; ``MAX_SUBSTEPS`` at most.
+
+    ``turn2``: (rad/s)², squares of the rate at the start and of its growth over the step.
+    """
+    if is_one_substep(turn2, step_s):
         return 1
-    turns = (math.sqrt(rate2) + math.sqrt(growth2)) * step_s / SUBSTEP_ANGLE_rad
+    turns = (math.sqrt(turn2[0]) + math.sqrt(turn2[1])) * step_s / SUBSTEP_ANGLE_rad
     if not turns < MAX_SUBSTEPS:
         return MAX_SUBSTEPS
     return 1 + int(turns)
+
+
+@jit(forceinline=True)
+def is_one_substep(turn2, step_s):
+    """The usual case, decided without a root: (a + b)² ≤ 2 (a² + b²)."""
+    return 2.0 * (turn2[0] + turn2[1]) * step_s * step_s < SUBSTEP_ANGLE_rad * SUBSTEP_ANGLE_rad
+
+
+@jit(forceinline=True)
+def squared_turn(omega, acceleration, step_s):
+    """Squares of a rate and of what an acceleration adds to it in a step, (rad/s)²."""
+    growth = scaled(step_s, acceleration)
+    return (
+        omega[0] * omega[0] + omega[1] * omega[1] + omega[2] * omega[2],
+        growth[0] * growth[0] + growth[1] * growth[1] + growth[2] * growth[2],
+    )
+
+
+@jit(forceinline=True)
+def columns(a, first, row):
+    """The nine values ``a[row, first : first + 9]`` as a tuple."""
+    return (
+        a[row, first], a[row, first + 1], a[row, first + 2], a[row, first + 3], a[row, first + 4], a[row, first + 5],
+        a[row, first + 6], a[row, first + 7], a[row, first + 8],
+    )  # fmt: skip
+
+
+@jit(forceinline=True)
+def columns3(a, first, row):
+    """The three values ``a[row, first : first + 3]`` as a tuple."""
+    return (a[row, first], a[row, first + 1], a[row, first + 2])
 
 
 @jit
@@ -71,82 +108,243 @@ def propagate_row(state, action, step_s, parameters, row, mean_motion_rad_s, hil
     r, v, mass = (state[0], state[1], state[2]), (state[3], state[4], state[5]), state[6]
     q, omega = (state[7], state[8], state[9], state[10]), (state[11], state[12], state[13])
     n = mean_motion_rad_s
+    per_n = 1.0 / n
+    frame_rate = n if hill_coupling else 0.0
 
-    thrust = multiply_matrix(parameters, row, p.THRUST_MAP, (action[0], action[1], action[2]))
-    torque = multiply_matrix(parameters, row, p.TORQUE_MAP, (action[3], action[4], action[5]))
-    at = p.TORQUE_BIAS
-    torque = axpy(1.0, torque, (parameters[row, at], parameters[row, at + 1], parameters[row, at + 2]))
-    at = p.COM_OFFSET
-    offset = (parameters[row, at], parameters[row, at + 1], parameters[row, at + 2])
-    off_centre = offset[0] != 0.0 or offset[1] != 0.0 or offset[2] != 0.0
-    if off_centre:
+    inertia, inverse = columns(parameters, p.INERTIA, row), columns(parameters, p.INERTIA_INVERSE, row)
+    thrust, torque = executed(
+        action, columns(parameters, p.THRUST_MAP, row), columns(parameters, p.TORQUE_MAP, row),
+        columns3(parameters, p.TORQUE_BIAS, row),
+    )  # fmt: skip
+    offset = columns3(parameters, p.COM_OFFSET, row)
+    flow = mass_flow(thrust, parameters[row, p.EXHAUST_SPEED])
+    simple = parameters[row, p.SIMPLE] != 0.0
+    if not simple:
         torque = axpy(-1.0, cross(offset, thrust), torque)
         # HCW moves the centre of mass; the state is that of the reference point
-        r, v = shift_point(r, v, q, omega, offset, 1.0, n, hill_coupling)
-    flow = -math.sqrt(thrust[0] ** 2 + thrust[1] ** 2 + thrust[2] ** 2) / parameters[row, p.EXHAUST_SPEED]
+        r, v = shift_point(r, v, q, omega, offset, 1.0, frame_rate)
+    acceleration = multiply_matrix(inverse, torque)
 
     count = substeps
     if count <= 0:
-        count = substeps_needed(omega, multiply_matrix(parameters, row, p.INERTIA_INVERSE, torque), step_s)
+        count = substeps_needed(squared_turn(omega, acceleration, step_s), step_s)
     h = step_s / count
-    isotropic = parameters[row, p.ISOTROPIC] != 0.0
-    sine_quarter, cosine_quarter = sine_cosine(0.25 * n * h)
-    sine_half = 2.0 * sine_quarter * cosine_quarter
-    cosine_half = 1.0 - 2.0 * sine_quarter * sine_quarter
-    none = (0.0, 0.0, 0.0)
+    quarter = sine_cosine(0.25 * n * h)
+    half = doubled(quarter)
+    sine, cosine = sine_cosine(0.25 * frame_rate * h)
+    frame = (cosine, sine)
     for _ in range(count):
-        a_start = rotate_vector(q, scaled(1.0 / mass, thrust))
-        q, omega = advance_attitude(q, omega, torque, 0.5 * h, isotropic, parameters, row, p.INERTIA, p.INERTIA_INVERSE)
-        if hill_coupling:
-            q = multiply_quaternions((cosine_quarter, 0.0, 0.0, -sine_quarter), q)
-        mass_middle = mass + 0.5 * h * flow
-        a_middle = rotate_vector(q, scaled(1.0 / mass_middle, thrust))
-        q, omega = advance_attitude(q, omega, torque, 0.5 * h, isotropic, parameters, row, p.INERTIA, p.INERTIA_INVERSE)
-        if hill_coupling:
-            q = multiply_quaternions((cosine_quarter, 0.0, 0.0, -sine_quarter), q)
-        mass = mass + h * flow
-        a_end = rotate_vector(q, scaled(1.0 / mass, thrust))
-
-        sixth = h / 6.0
-        r, v = hcw_transition_row(r, axpy(sixth, a_start, v), n, sine_half, cosine_half, h)
-        r_middle, v_middle = hcw_transition_row(none, a_middle, n, sine_quarter, cosine_quarter, 0.5 * h)
-        r = axpy(4.0 * sixth, r_middle, r)
-        v = axpy(4.0 * sixth, v_middle, v)
-        v = axpy(sixth, a_end, v)
-
-    if off_centre:
-        r, v = shift_point(r, v, q, omega, offset, -1.0, n, hill_coupling)
+        if simple:
+            r, v, mass, q, omega = substep_isotropic(
+                r, v, mass, q, omega, thrust, acceleration, flow, h, n, per_n, quarter, half, frame
+            )
+        else:
+            r, v, mass, q, omega = substep_general(
+                r, v, mass, q, omega, thrust, torque, inertia, inverse, flow, h, n, per_n, quarter, half, frame
+            )
+    if not simple:
+        r, v = shift_point(r, v, q, omega, offset, -1.0, frame_rate)
     return (
         r[0], r[1], r[2], v[0], v[1], v[2], mass, q[0], q[1], q[2], q[3], omega[0], omega[1], omega[2],
     )  # fmt: skip
 
 
-@jit(inline="always")
-def shift_point(r, v, q, omega, offset, sign, mean_motion_rad_s, hill_coupling):
-    """Position and velocity (Hill axes) of the point at ``sign * offset`` (body axes) from the given one."""
-    arm = rotate_vector(q, offset)
-    rate = omega
-    if hill_coupling:
-        hill_rate = rotate_vector_inverse(q, (0.0, 0.0, mean_motion_rad_s))
-        rate = axpy(-1.0, hill_rate, omega)
-    swing = rotate_vector(q, cross(rate, offset))
-    return axpy(sign, arm, r), axpy(sign, swing, v)
+@jit(forceinline=True)
+def mass_flow(thrust, exhaust_speed_m_s):
+    """kg/s, negative: thrust (N, 3-tuple) over exhaust speed."""
+    return -math.sqrt(thrust[0] * thrust[0] + thrust[1] * thrust[1] + thrust[2] * thrust[2]) / exhaust_speed_m_s
+
+
+@jit(forceinline=True)
+def doubled(half):
+    """Sine and cosine of twice the angle."""
+    return 2.0 * half[0] * half[1], 1.0 - 2.0 * half[0] * half[0]
+
+
+@jit(forceinline=True)
+def get(b, row, k):
+    """Value of lane ``k`` in a row of a block; flat, so that the compiler sees that rows do not overlap."""
+    return b[np.uintp(row * LANES) + k]
+
+
+@jit(forceinline=True)
+def get3(b, row, k):
+    """Three rows from ``row`` on, of lane ``k``, as a tuple."""
+    return get(b, row, k), get(b, row + 1, k), get(b, row + 2, k)
+
+
+@jit(forceinline=True)
+def get4(b, row, k):
+    """Four rows."""
+    return get(b, row, k), get(b, row + 1, k), get(b, row + 2, k), get(b, row + 3, k)
+
+
+@jit(forceinline=True)
+def get6(b, row, k):
+    """Six rows."""
+    return (
+        get(b, row, k), get(b, row + 1, k), get(b, row + 2, k), get(b, row + 3, k), get(b, row + 4, k),
+        get(b, row + 5, k),
+    )  # fmt: skip
+
+
+@jit(forceinline=True)
+def get9(b, row, k):
+    """Nine rows: a matrix."""
+    return (
+        get(b, row, k), get(b, row + 1, k), get(b, row + 2, k), get(b, row + 3, k), get(b, row + 4, k),
+        get(b, row + 5, k), get(b, row + 6, k), get(b, row + 7, k), get(b, row + 8, k),
+    )  # fmt: skip
+
+
+@jit
+def get14(b, row, k):
+    """Fourteen rows: a state."""
+    return (
+        get(b, row, k), get(b, row + 1, k), get(b, row + 2, k), get(b, row + 3, k), get(b, row + 4, k),
+        get(b, row + 5, k), get(b, row + 6, k), get(b, row + 7, k), get(b, row + 8, k), get(b, row + 9, k),
+        get(b, row + 10, k), get(b, row + 11, k), get(b, row + 12, k), get(b, row + 13, k),
+    )  # fmt: skip
+
+
+@jit(forceinline=True)
+def put(b, row, k, value):
+    """Sets what ``get`` gets."""
+    b[np.uintp(row * LANES) + k] = value
+
+
+@jit(forceinline=True)
+def put3(b, row, k, values):
+    """Sets three rows from a tuple."""
+    put(b, row, k, values[0])
+    put(b, row + 1, k, values[1])
+    put(b, row + 2, k, values[2])
+
+
+@jit(forceinline=True)
+def put4(b, row, k, values):
+    """Sets four rows from a tuple."""
+    put(b, row, k, values[0])
+    put3(b, row + 1, k, (values[1], values[2], values[3]))
+
+
+@jit
+def put14(b, row, k, values):
+    """Sets fourteen rows from a tuple."""
+    for j in range(14):
+        put(b, row + j, k, values[j])
+
+
+@jit
+def propagate_block(block, lanes, mean_motion_rad_s, hill_coupling):
+    """Flies the first ``lanes`` columns of a block (see ``BLOCK_STATE`` and its neighbours) over one step.
+
+    Lanes that are not as lane 0, or that need more than one substep, are flown one by one; the others in the two
+    loops below, which have no branch and so become vector instructions.
+    """
+    n = mean_motion_rad_s
+    per_n = 1.0 / n
+    frame_rate = n if hill_coupling else 0.0
+    b = block
+    at = BLOCK_CHASER
+    if get(b, at + p.SIMPLE, np.uintp(0)) != 0.0:
+        for lane in range(lanes):
+            k = np.uintp(lane)
+            h = get(b, BLOCK_STEP, k)
+            r, v, mass, q, omega = lane_state(b, k)
+            thrust, torque = executed(
+                get6(b, BLOCK_ACTION, k), get9(b, at + p.THRUST_MAP, k), get9(b, at + p.TORQUE_MAP, k),
+                get3(b, at + p.TORQUE_BIAS, k),
+            )  # fmt: skip
+            acceleration = multiply_matrix(get9(b, at + p.INERTIA_INVERSE, k), torque)
+            flow = mass_flow(thrust, get(b, at + p.EXHAUST_SPEED, k))
+            quarter = small_sine_cosine(0.25 * n * h)
+            sine, cosine = small_sine_cosine(0.25 * frame_rate * h)
+            one = is_one_substep(squared_turn(omega, acceleration, h), h)
+            usual = one & (abs(0.25 * n * h) < SMALL_ANGLE_rad) & (get(b, at + p.SIMPLE, k) != 0.0)
+            r, v, mass, q, omega = substep_isotropic(
+                r, v, mass, q, omega, thrust, acceleration, flow, h, n, per_n, quarter, doubled(quarter),
+                (cosine, sine),
+            )  # fmt: skip
+            keep_lane(b, k, r, v, mass, q, omega, usual)
+    else:
+        for lane in range(lanes):
+            k = np.uintp(lane)
+            h = get(b, BLOCK_STEP, k)
+            r, v, mass, q, omega = lane_state(b, k)
+            inertia, inverse = get9(b, at + p.INERTIA, k), get9(b, at + p.INERTIA_INVERSE, k)
+            thrust, torque = executed(
+                get6(b, BLOCK_ACTION, k), get9(b, at + p.THRUST_MAP, k), get9(b, at + p.TORQUE_MAP, k),
+                get3(b, at + p.TORQUE_BIAS, k),
+            )  # fmt: skip
+            offset = get3(b, at + p.COM_OFFSET, k)
+            torque = axpy(-1.0, cross(offset, thrust), torque)
+            r, v = shift_point(r, v, q, omega, offset, 1.0, frame_rate)
+            acceleration = multiply_matrix(inverse, torque)
+            flow = mass_flow(thrust, get(b, at + p.EXHAUST_SPEED, k))
+            quarter = small_sine_cosine(0.25 * n * h)
+            sine, cosine = small_sine_cosine(0.25 * frame_rate * h)
+            one = is_one_substep(squared_turn(omega, acceleration, h), h)
+            usual = one & (abs(0.25 * n * h) < SMALL_ANGLE_rad) & (get(b, at + p.SIMPLE, k) == 0.0)
+            r, v, mass, q, omega = substep_general(
+                r, v, mass, q, omega, thrust, torque, inertia, inverse, flow, h, n, per_n, quarter,
+                doubled(quarter), (cosine, sine),
+            )  # fmt: skip
+            r, v = shift_point(r, v, q, omega, offset, -1.0, frame_rate)
+            keep_lane(b, k, r, v, mass, q, omega, usual)
+
+
+@jit(forceinline=True)
+def lane_state(b, k):
+    """(r, v, mass, q, omega) of lane ``k`` before the step."""
+    return get3(b, 0, k), get3(b, 3, k), get(b, 6, k), get4(b, 7, k), get3(b, 11, k)
+
+
+@jit(forceinline=True)
+def keep_lane(b, k, r, v, mass, q, omega, usual):
+    """Writes what ``propagate_block`` made of lane ``k``."""
+    at = BLOCK_AFTER
+    put3(b, at, k, r)
+    put3(b, at + 3, k, v)
+    put(b, at + 6, k, mass)
+    put4(b, at + 7, k, q)
+    put3(b, at + 11, k, omega)
+    put(b, BLOCK_UNUSUAL, k, 0.0 if usual else 1.0)
 
 
 @jit
 def _propagate_rows(state, action, step_s, parameters, n, hill_coupling, substeps, out, first, last):
     shared = parameters.shape[0] == 1
-    for k in range(first, last):
-        i = np.uintp(k)  # unsigned: numba then leaves out its test for negative indices
-        before = (
-            state[i, 0], state[i, 1], state[i, 2], state[i, 3], state[i, 4], state[i, 5], state[i, 6],
-            state[i, 7], state[i, 8], state[i, 9], state[i, 10], state[i, 11], state[i, 12], state[i, 13],
-        )  # fmt: skip
-        held = (action[i, 0], action[i, 1], action[i, 2], action[i, 3], action[i, 4], action[i, 5])
-        row = np.uintp(0) if shared else i
-        after = propagate_row(before, held, step_s[i], parameters, row, n, hill_coupling, substeps)
-        for j in range(STATE_DIM):
-            out[i, j] = after[j]
+    block = np.zeros(BLOCK_ROWS * LANES)
+    if shared:
+        for j in range(p.PARAMETER_DIM):
+            for k in range(LANES):
+                block[(BLOCK_CHASER + j) * LANES + k] = parameters[0, j]
+    for start in range(first, last, LANES):
+        lanes = min(LANES, last - start)
+        for lane in range(lanes):
+            k, i = np.uintp(lane), np.uintp(start + lane)
+            for j in range(STATE_DIM):
+                put(block, j, k, state[i, j])
+            for j in range(ACTION_DIM):
+                put(block, BLOCK_ACTION + j, k, action[i, j])
+            put(block, BLOCK_STEP, k, step_s[i])
+            if not shared:
+                for j in range(p.PARAMETER_DIM):
+                    put(block, BLOCK_CHASER + j, k, parameters[i, j])
+        if substeps <= 0:
+            propagate_block(block, lanes, n, hill_coupling)
+        for lane in range(lanes):
+            k, i = np.uintp(lane), np.uintp(start + lane)
+            if substeps <= 0 and get(block, BLOCK_UNUSUAL, k) == 0.0:
+                for j in range(STATE_DIM):
+                    out[i, j] = get(block, BLOCK_AFTER + j, k)
+                continue
+            row = np.uintp(0) if shared else i
+            before, held = get14(block, BLOCK_STATE, k), get6(block, BLOCK_ACTION, k)
+            after = propagate_row(before, held, step_s[i], parameters, row, n, hill_coupling, substeps)
+            for j in range(STATE_DIM):
+                out[i, j] = after[j]
 
 
 @jit(parallel=True)

@@ -15,25 +15,25 @@ from __future__ import annotations
 from lerobot_spacedock.jit import jit
 
 
-@jit(inline="always")
+@jit(forceinline=True)
 def cross(a, b):
     """Cross product of two 3-tuples."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-@jit(inline="always")
+@jit(forceinline=True)
 def axpy(scale, a, b):
     """``scale * a + b`` of two 3-tuples."""
     return (scale * a[0] + b[0], scale * a[1] + b[1], scale * a[2] + b[2])
 
 
-@jit(inline="always")
+@jit(forceinline=True)
 def scaled(scale, a):
     """``scale * a`` of a 3-tuple."""
     return (scale * a[0], scale * a[1], scale * a[2])
 
 
-@jit(inline="always")
+@jit(forceinline=True)
 def multiply_quaternions(p, q):
     """Hamilton product of two 4-tuples, scalar first."""
     return (
@@ -44,7 +44,7 @@ def multiply_quaternions(p, q):
     )
 
 
-@jit(inline="always")
+@jit(forceinline=True)
 def rotate_vector(q, v):
     """``q ⊗ (0, v) ⊗ q*``: body vector in the outer frame, 3-tuple."""
     vector = (q[1], q[2], q[3])
@@ -54,77 +54,81 @@ def rotate_vector(q, v):
     return (v[0] + q[0] * t[0] + u[0], v[1] + q[0] * t[1] + u[1], v[2] + q[0] * t[2] + u[2])
 
 
-@jit(inline="always")
+@jit(forceinline=True)
 def rotate_vector_inverse(q, v):
     """Outer vector in body axes, 3-tuple."""
     return rotate_vector((q[0], -q[1], -q[2], -q[3]), v)
 
 
-@jit(inline="always")
+@jit(forceinline=True)
 def rotation_vector_to_quaternion(phi):
     """Exponential of a rotation vector below about 1 rad, by its Taylor series (error < 1e-15 there)."""
     x = 0.25 * (phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
-    cosine = 1.0 - x / 2.0 * (1.0 - x / 12.0 * (1.0 - x / 30.0 * (1.0 - x / 56.0 * (1.0 - x / 90.0))))
-    sinc = 1.0 - x / 6.0 * (1.0 - x / 20.0 * (1.0 - x / 42.0 * (1.0 - x / 72.0 * (1.0 - x / 110.0))))
+    cosine = 1.0 - x * (1 / 2 - x * (1 / 24 - x * (1 / 720 - x * (1 / 40320 - x * (1 / 3628800)))))
+    sinc = 1.0 - x * (1 / 6 - x * (1 / 120 - x * (1 / 5040 - x * (1 / 362880 - x * (1 / 39916800)))))
     return (cosine, 0.5 * sinc * phi[0], 0.5 * sinc * phi[1], 0.5 * sinc * phi[2])
 
 
-@jit(inline="always")
-def multiply_matrix(matrices, row, first, v):
-    """``A v`` with the 3×3 matrix that stands row-major at ``matrices[row, first : first + 9]``."""
-    m = matrices
+@jit(forceinline=True)
+def multiply_matrix(m, v):
+    """``m v`` of a 3×3 matrix, 9-tuple, row-major, and a 3-tuple."""
     return (
-        m[row, first] * v[0] + m[row, first + 1] * v[1] + m[row, first + 2] * v[2],
-        m[row, first + 3] * v[0] + m[row, first + 4] * v[1] + m[row, first + 5] * v[2],
-        m[row, first + 6] * v[0] + m[row, first + 7] * v[1] + m[row, first + 8] * v[2],
+        m[0] * v[0] + m[1] * v[1] + m[2] * v[2],
+        m[3] * v[0] + m[4] * v[1] + m[5] * v[2],
+        m[6] * v[0] + m[7] * v[1] + m[8] * v[2],
     )
 
 
-@jit(inline="always")
-def angular_acceleration(omega, torque, matrices, row, inertia_at, inverse_at):
-    """Euler's equations solved for ω̇, rad/s², 3-tuple, body axes."""
-    gyroscopic = cross(omega, multiply_matrix(matrices, row, inertia_at, omega))
-    return multiply_matrix(matrices, row, inverse_at, axpy(-1.0, gyroscopic, torque))
+@jit(forceinline=True)
+def angular_acceleration(omega, torque, inertia, inverse):
+    """Euler's equations solved for ω̇, rad/s², 3-tuple, body axes; matrices as 9-tuples, row-major."""
+    gyroscopic = cross(omega, multiply_matrix(inertia, omega))
+    return multiply_matrix(inverse, axpy(-1.0, gyroscopic, torque))
 
 
-@jit(inline="always")
-def advance_attitude(q, omega, torque, step_s, isotropic, matrices, row, inertia_at, inverse_at):
-    """One step of rotation under constant body torque.
+@jit(forceinline=True)
+def isotropic_rates(omega, acceleration, step_s):
+    """Rates in the middle and at the end of a step where the inertia is a multiple of the identity: ω is linear."""
+    return axpy(0.5 * step_s, acceleration, omega), axpy(step_s, acceleration, omega)
+
+
+@jit(forceinline=True)
+def general_rates(omega, torque, step_s, inertia, inverse):
+    """Rates in the middle and at the end of a step under constant body torque, 3-tuples, rad/s, body axes."""
+    start = angular_acceleration(omega, torque, inertia, inverse)
+    k2 = angular_acceleration(axpy(0.5 * step_s, start, omega), torque, inertia, inverse)
+    k3 = angular_acceleration(axpy(0.5 * step_s, k2, omega), torque, inertia, inverse)
+    k4 = angular_acceleration(axpy(step_s, k3, omega), torque, inertia, inverse)
+    sixth, eighth = step_s * (1 / 6), step_s * 0.125
+    end = (
+        omega[0] + sixth * (start[0] + 2.0 * (k2[0] + k3[0]) + k4[0]),
+        omega[1] + sixth * (start[1] + 2.0 * (k2[1] + k3[1]) + k4[1]),
+        omega[2] + sixth * (start[2] + 2.0 * (k2[2] + k3[2]) + k4[2]),
+    )
+    finish = angular_acceleration(end, torque, inertia, inverse)
+    # cubic Hermite value at the middle: order 4, no further evaluation
+    middle = (
+        0.5 * (omega[0] + end[0]) + eighth * (start[0] - finish[0]),
+        0.5 * (omega[1] + end[1]) + eighth * (start[1] - finish[1]),
+        0.5 * (omega[2] + end[2]) + eighth * (start[2] - finish[2]),
+    )
+    return middle, end
+
+
+@jit(forceinline=True)
+def follow_rates(q, omega, middle, end, step_s):
+    """The attitude after a step in which the body rate goes from ``omega`` over ``middle`` to ``end``.
 
     Args:
         q: 4-tuple, scalar first, body to inertial.
-        omega: rad/s, 3-tuple, body axes, inertial rate.
-        torque: N·m, 3-tuple, body axes, constant over the step.
+        omega, middle, end: rad/s, 3-tuples, body axes, inertial rates.
         step_s: s.
-        isotropic: the inertia is a multiple of the identity: no gyroscopic torque, ω linear in time.
-        matrices: (N, M) packed parameters; ``row``, ``inertia_at`` and ``inverse_at`` say where J and J⁻¹ stand.
 
     Returns:
-        (q, omega) after the step.
+        4-tuple, of unit norm to rounding if ``q`` was.
     """
-    if isotropic:
-        start = multiply_matrix(matrices, row, inverse_at, torque)
-        middle = axpy(0.5 * step_s, start, omega)
-        end = axpy(step_s, start, omega)
-    else:
-        start = angular_acceleration(omega, torque, matrices, row, inertia_at, inverse_at)
-        k2 = angular_acceleration(axpy(0.5 * step_s, start, omega), torque, matrices, row, inertia_at, inverse_at)
-        k3 = angular_acceleration(axpy(0.5 * step_s, k2, omega), torque, matrices, row, inertia_at, inverse_at)
-        k4 = angular_acceleration(axpy(step_s, k3, omega), torque, matrices, row, inertia_at, inverse_at)
-        end = (
-            omega[0] + step_s / 6.0 * (start[0] + 2.0 * (k2[0] + k3[0]) + k4[0]),
-            omega[1] + step_s / 6.0 * (start[1] + 2.0 * (k2[1] + k3[1]) + k4[1]),
-            omega[2] + step_s / 6.0 * (start[2] + 2.0 * (k2[2] + k3[2]) + k4[2]),
-        )
-        finish = angular_acceleration(end, torque, matrices, row, inertia_at, inverse_at)
-        # cubic Hermite value at the middle: order 4, no further evaluation
-        middle = (
-            0.5 * (omega[0] + end[0]) + step_s / 8.0 * (start[0] - finish[0]),
-            0.5 * (omega[1] + end[1]) + step_s / 8.0 * (start[1] - finish[1]),
-            0.5 * (omega[2] + end[2]) + step_s / 8.0 * (start[2] - finish[2]),
-        )
     commutator = cross(omega, end)
-    sixth, twelfth = step_s / 6.0, step_s * step_s / 12.0
+    sixth, twelfth = step_s * (1 / 6), step_s * step_s * (1 / 12)
     phi = (
         sixth * (omega[0] + 4.0 * middle[0] + end[0]) + twelfth * commutator[0],
         sixth * (omega[1] + 4.0 * middle[1] + end[1]) + twelfth * commutator[1],
@@ -133,4 +137,4 @@ def advance_attitude(q, omega, torque, step_s, isotropic, matrices, row, inertia
     q = multiply_quaternions(q, rotation_vector_to_quaternion(phi))
     # one Newton step towards unit norm: removes rounding drift, leaves the direction
     scale = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    return (scale * q[0], scale * q[1], scale * q[2], scale * q[3]), end
+    return (scale * q[0], scale * q[1], scale * q[2], scale * q[3])

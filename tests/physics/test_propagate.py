@@ -1,5 +1,7 @@
 """Propagation: closed forms, conserved quantities, fitted order, and DOP853 over whole random episodes."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -199,3 +201,31 @@ def test_bad_input_is_named():
         chaser(np.diag([1.0, -1.0, 1.0])).pack()
     with pytest.raises(InputError, match="3 rows"):
         propagate(state, action, 0.9, ChaserParameters.nominal(3))
+
+
+def test_a_chaser_flies_the_same_whatever_flies_beside_it():
+    # a block of reference chasers, odd inertias, offset centres of mass, tumbling ones: each as it flies alone
+    generator = np.random.default_rng(7)
+    count = 100
+    state = np.zeros((count, 14))
+    state[:, :6] = generator.normal(size=(count, 6)) * [5, 5, 5, 0.2, 0.2, 0.2]
+    state[:, 6] = generator.uniform(900, 1100, count)
+    q = generator.normal(size=(count, 4))
+    state[:, 7:11] = q / np.linalg.norm(q, axis=1, keepdims=True)
+    state[:, 11:] = generator.normal(size=(count, 3)) * generator.choice([0.001, 0.1], (count, 1))
+    action = generator.uniform(-1, 1, (count, 6)) * [60, 60, 60, 20, 20, 20]
+    step_s = generator.uniform(0.0, 2.0, count)
+    nominal = ChaserParameters.nominal(count)
+    inertia, offset = nominal.inertia_kg_m2.copy(), nominal.com_offset_m.copy()
+    odd, off_centre = generator.random(count) < 0.5, generator.random(count) < 0.3
+    inertia[odd] += np.diag([10.0, 20.0, 30.0])
+    offset[off_centre] = generator.normal(size=(off_centre.sum(), 3)) * 0.05
+    chaser = dataclasses.replace(nominal, inertia_kg_m2=inertia, com_offset_m=offset).pack()
+    for coupling in (False, True):
+        together = propagate(state, action, step_s, chaser, hill_coupling=coupling)
+        for i in range(count):
+            row = slice(i, i + 1)
+            alone = propagate(state[row], action[row], step_s[row], chaser[row], hill_coupling=coupling)
+            assert np.array_equal(alone[0], together[i])
+        reverse = propagate(state[::-1], action[::-1], step_s[::-1], chaser[::-1].copy(), hill_coupling=coupling)
+        assert np.array_equal(reverse[::-1], together)
