@@ -24,6 +24,7 @@ from lerobot_spacedock.errors import FileFormatError
 from lerobot_spacedock.physics.frames import ACTION_NAMES, STATE_NAMES
 
 COLUMNS = ("step", "time", "dt", *STATE_NAMES, *ACTION_NAMES, "reward")
+MAX_STATES = 1_000_000  # eleven days of steps; a file that claims more is no episode
 METADATA_KEYS = (
     "version",
     "env_id",
@@ -36,6 +37,7 @@ METADATA_KEYS = (
     "contact",
     "clipped_actions",
     "dynamics",
+    "inference",
 )
 
 
@@ -104,57 +106,41 @@ def read_episode_log(path: Path | str) -> EpisodeLog:
     """Reads one episode log; the last row's command, dt and reward may be null or present (then ignored).
 
     Raises:
-        FileFormatError: not Parquet, a column is missing or not numeric, too few rows, or not finite.
+        FileFormatError: not Parquet, a column is missing or not numeric, too few rows or too many, or not finite.
     """
     path = Path(path)
     try:
         with pq.ParquetFile(path) as file:  # not pq.read_table: a third of its time for a file this small
-            table = file.read(use_threads=False)
+            schema, rows = file.schema_arrow, file.metadata.num_rows
+            _check_shape(path, schema, rows)
+            extra = [f.name for f in schema if f.name not in COLUMNS and pa.types.is_floating(f.type)]
+            given = [name for name in COLUMNS if name != "step" and name in schema.names]
+            table = file.read(columns=given + extra, use_threads=False)
     except FileNotFoundError:
         raise
     except (pa.ArrowException, OSError, ValueError) as error:
+        if isinstance(error, FileFormatError):
+            raise
         raise FileFormatError(f"{path}: not a readable Parquet file ({error}).") from error
-    missing = [name for name in COLUMNS if name not in table.column_names and name not in ("step", "reward")]
-    if missing:
-        raise FileFormatError(f"{path}: columns {missing} are missing; an episode log has {list(COLUMNS)}.")
-    if table.num_rows < 1:
-        raise FileFormatError(f"{path}: no rows; an episode log has at least one state.")
-
-    def column(name: str, rows: int) -> np.ndarray:
-        try:
-            values = table.column(name).slice(0, rows).to_numpy().astype(np.float64)
-        except (pa.ArrowException, ValueError, TypeError) as error:
-            raise FileFormatError(f"{path}: column {name!r} is not numeric ({error}).") from error
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            raise FileFormatError(
-                f"{path}: column {name!r} holds {values[bad[0]]} in row {bad[0]}; only the last row's "
-                "command, dt and reward may be empty."
-            )
-        return values
-
-    rows = table.num_rows
-    try:
-        metadata = json.loads((table.schema.metadata or {}).get(b"spacedock", b"{}"))
-    except ValueError as error:
-        raise FileFormatError(f"{path}: file metadata 'spacedock' is not JSON ({error}).") from error
-    if not isinstance(metadata, dict):
-        raise FileFormatError(f"{path}: file metadata 'spacedock' is {type(metadata).__name__}, not a JSON object.")
-    reward = column("reward", rows - 1) if "reward" in table.column_names else np.zeros(rows - 1)
-    extra = {}
-    for name in table.column_names:
-        if name not in COLUMNS and pa.types.is_floating(table.schema.field(name).type):
-            values = table.column(name)
-            length = rows - 1 if values.slice(rows - 1).null_count else rows
-            extra[name] = values.slice(0, length).to_numpy().astype(np.float64)
+    numbers = _numbers(path, table, given + extra)
+    fine = np.isfinite(numbers)
+    fine[:, len(given) :] = True
+    fine[-1, [i for i, name in enumerate(given) if name != "time" and name not in STATE_NAMES]] = True
+    if not fine.all():
+        row, column = np.argwhere(~fine)[0]
+        raise FileFormatError(
+            f"{path}: column {given[column]!r} holds {numbers[row, column]} in row {row}; only the last row's "
+            "command, dt and reward may be empty."
+        )
+    columns = dict(zip(given + extra, numbers.T, strict=True))
     return EpisodeLog(
-        time=column("time", rows),
-        state=np.stack([column(name, rows) for name in STATE_NAMES], axis=1),
-        action=np.stack([column(name, rows - 1) for name in ACTION_NAMES], axis=1),
-        dt=column("dt", rows - 1),
-        reward=reward,
-        metadata=metadata,
-        extra=extra,
+        time=columns["time"],
+        state=np.stack([columns[name] for name in STATE_NAMES], axis=1),
+        action=np.stack([columns[name][: rows - 1] for name in ACTION_NAMES], axis=1),
+        dt=columns["dt"][: rows - 1],
+        reward=columns["reward"][: rows - 1] if "reward" in columns else np.zeros(rows - 1),
+        metadata=_metadata(path, schema),
+        extra={name: columns[name][: rows - bool(table.column(name).slice(rows - 1).null_count)] for name in extra},
     )
 
 
@@ -162,6 +148,41 @@ def iterate_episode_logs(log_dir: Path | str) -> Iterator[tuple[Path, EpisodeLog
     """Every ``episode_*.parquet`` of a folder, in name order, one at a time (flat memory)."""
     for path in sorted(Path(log_dir).glob("episode_*.parquet")):
         yield path, read_episode_log(path)
+
+
+def _check_shape(path: Path, schema: pa.Schema, rows: int) -> None:
+    missing = [name for name in COLUMNS if name not in schema.names and name not in ("step", "reward")]
+    if missing:
+        raise FileFormatError(f"{path}: columns {missing} are missing; an episode log has {list(COLUMNS)}.")
+    if len(set(schema.names)) < len(schema.names):
+        raise FileFormatError(f"{path}: a column twice: {schema.names}.")
+    if not 1 <= rows <= MAX_STATES:
+        raise FileFormatError(f"{path}: {rows} rows; an episode log has 1 to {MAX_STATES:,} states.")
+
+
+def _numbers(path: Path, table: pa.Table, names: list[str]) -> np.ndarray:
+    """(rows, columns) float64, NaN where null."""
+    try:
+        (batch,) = table.combine_chunks().to_batches()
+        return batch.to_tensor(null_to_nan=True, row_major=False).to_numpy().astype(np.float64, copy=False)
+    except (pa.ArrowException, TypeError, ValueError):  # a type that no tensor holds: column by column
+        columns = []
+        for name in names:
+            try:
+                columns.append(table.column(name).to_numpy().astype(np.float64))
+            except (pa.ArrowException, ValueError, TypeError) as error:
+                raise FileFormatError(f"{path}: column {name!r} is not numeric ({error}).") from error
+        return np.stack(columns, axis=1)
+
+
+def _metadata(path: Path, schema: pa.Schema) -> dict[str, Any]:
+    try:
+        metadata = json.loads((schema.metadata or {}).get(b"spacedock", b"{}"))
+    except (ValueError, RecursionError) as error:
+        raise FileFormatError(f"{path}: file metadata 'spacedock' is not JSON ({error}).") from error
+    if not isinstance(metadata, dict):
+        raise FileFormatError(f"{path}: file metadata 'spacedock' is {type(metadata).__name__}, not a JSON object.")
+    return metadata
 
 
 def _with_null_end(values: np.ndarray) -> pa.Array:

@@ -19,6 +19,8 @@ from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE, OBS_STR
 from lerobot_spacedock.adapters import command_line
 from lerobot_spacedock.adapters.command_line import option_errors
 from lerobot_spacedock.adapters.evaluation_log import EvaluationLog, evaluation_folder
+from lerobot_spacedock.adapters.policy_record import policy_record
+from lerobot_spacedock.adapters.training_scalars import log_training_scalars
 from lerobot_spacedock.adapters.vector_env import LoggingAsyncVectorEnv, LoggingSyncVectorEnv
 from lerobot_spacedock.camera.config import CameraConfig
 from lerobot_spacedock.env.config import CorridorConfig, SpaceDockConfig
@@ -61,6 +63,8 @@ class SpaceDockEnvConfig(EnvConfig):
     with_mass: bool = False
     # folder for one log an episode and eval_metrics.jsonl; left out, OUTPUT_DIR/episodes where --output_dir is given
     log_dir: str | None = None
+    # in training, the means of each evaluation become scalars: TensorBoard in LOG_DIR/tensorboard, and wandb where on
+    scalars: bool = True
     # name of the policy that flies, kept in the logs
     label: str | None = None
 
@@ -147,7 +151,13 @@ class SpaceDockEnvConfig(EnvConfig):
         options = self.gym_kwargs | {"log_dir": None if folder is None else str(folder)}
         options["disable_env_checker"] = self.disable_env_checker
         one = freeze_after_episode_end(partial(make_env, self.gym_id, options))
-        log = None if folder is None else EvaluationLog(folder, n_envs, command_line.num_episodes())
+        training = command_line.running_command() == "lerobot_train"
+        at_end = log_training_scalars if training and self.scalars else None
+        log = (
+            None
+            if folder is None
+            else EvaluationLog(folder, n_envs, command_line.num_episodes(), policy=policy_record, at_end=at_end)
+        )
         if use_async_envs and n_envs > 1:
             return {self.type: {0: LoggingAsyncVectorEnv([one] * n_envs, log=log)}}
         return {self.type: {0: LoggingSyncVectorEnv([one] * n_envs, log=log)}}

@@ -8,20 +8,27 @@ others of its batch fly on.
 from __future__ import annotations
 
 import multiprocessing
+import time
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from lerobot.utils.constants import OBS_STATE
 
-from lerobot_spacedock.adapters.evaluation_log import EvaluationLog
+from lerobot_spacedock.adapters.evaluation_log import EvaluationLog, Inference
 
 
 class _Logging:
-    """Notices each episode's end once, and hands it to the evaluation log."""
+    """Notices each episode's end once, and hands it to the evaluation log.
+
+    Between an answer of this env and the next ``step`` it is the policy's turn, with its processors, for the whole
+    batch: that time is logged as ``inference_s``. Every ``call`` counts as an answer, so LeRobot's renders, which come
+    before it asks for the task and infers, are not in it.
+    """
 
     def __init__(self, env_fns, *, log: EvaluationLog | None = None, **options: Any) -> None:
         self._log = log
+        self._cold = True  # the first inference of all also compiles and allocates
         super().__init__(env_fns, autoreset_mode=AutoresetMode.NEXT_STEP, **options)
 
     def reset(self, *, seed=None, options=None):
@@ -30,11 +37,20 @@ class _Logging:
         self._finished = np.zeros(self.num_envs, dtype=bool)
         self._returns = np.zeros(self.num_envs)
         self._steps = 0
+        self._inference = Inference(batch=self.num_envs, warm_up_steps=int(self._cold))
         if self._log is not None:
             self._log.start_batch(list(seeds) if seeds is not None else [None] * self.num_envs)
+        self._answered_s = time.perf_counter()
         return _with_dataset_names(observation), info
 
+    def call(self, name, *args, **kwargs):
+        results = super().call(name, *args, **kwargs)
+        self._answered_s = time.perf_counter()
+        return results
+
     def step(self, actions):
+        self._inference.step_s.append(time.perf_counter() - self._answered_s)
+        self._cold = False
         observation, reward, terminated, truncated, info = super().step(actions)
         self._steps += 1
         self._returns += np.where(self._finished, 0.0, reward)
@@ -43,8 +59,14 @@ class _Logging:
         if self._log is not None:
             for index in np.flatnonzero(ended):
                 counts = {"steps": self._steps, "return": float(self._returns[index])}
-                self._log.finish(int(index), counts | _of_env(info, index))
+                self._log.finish(int(index), counts | _of_env(info, index), self._inference)
+        self._answered_s = time.perf_counter()
         return _with_dataset_names(observation), reward, terminated, truncated, info
+
+    def close(self, **options):
+        super().close(**options)
+        if self._log is not None:
+            self._log.close()
 
 
 class LoggingSyncVectorEnv(_Logging, SyncVectorEnv):

@@ -83,6 +83,24 @@ def load_actor(path: str | Path = SHIPPED) -> tuple[ActorNetwork, dict[str, Any]
     return network.eval(), description
 
 
+def training_counts(expert: str, checkpoint: str | Path | None = None) -> dict[str, int] | None:
+    """Episodes and interactions that an expert of that name was trained with; None where its file does not say.
+
+    Args:
+        expert: one of ``controllers.EXPERTS``; all but the meta-RL ones need no training.
+        checkpoint: of the meta-RL expert; the shipped one by default.
+    """
+    if not expert.startswith("meta_rl"):
+        return {"episodes": 0, "interactions": 0}
+    path = Path(checkpoint or SHIPPED).expanduser()
+    try:
+        training = read_json(path / "policy.json" if path.is_dir() else path.with_suffix(".json")).get("training")
+    except FileFormatError:
+        return None
+    counts = {name: training.get(name) for name in ("episodes", "interactions")} if isinstance(training, dict) else {}
+    return counts if counts and all(isinstance(count, int) for count in counts.values()) else None
+
+
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON object; FileFormatError where it is missing or malformed."""
     try:

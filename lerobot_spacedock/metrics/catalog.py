@@ -64,7 +64,9 @@ CATALOG: tuple[Metric, ...] = (
     Metric("saturated_share", "saturated", "", "share of steps with a command at its limit"),
     Metric("clipped_actions", "clipped", "", "steps whose command had to be clipped, as the log states it"),
     Metric("reward_sum", "return", "", "sum of rewards"),
-    Metric("inference_ms", "inference", "ms", "mean time the policy took for a step, as the log states it"),
+    Metric("inference_ms", "inference", "ms", "mean time the policy took for a step of its batch, warm-up left out"),
+    Metric("inference_max_ms", "longest inference", "ms", "longest time it took for one, warm-up left out"),
+    Metric("inference_batch", "batch", "", "episodes that the policy was asked for at once"),
 )
 NAMES: tuple[str, ...] = tuple(metric.name for metric in CATALOG)
 BY_NAME: dict[str, Metric] = {metric.name: metric for metric in CATALOG}

@@ -90,13 +90,16 @@ def misalignment_deg(q_HB: np.ndarray, port: Port) -> float:
     return float(2.0 * np.arctan2(np.linalg.norm(error[1:]), abs(error[0])) / DEG_TO_RAD)
 
 
-def judged_contact(log: EpisodeLog, state: np.ndarray, port: Port) -> dict[str, float | bool]:
+def judged_contact(
+    log: EpisodeLog, state: np.ndarray, port: Port, crossing: tuple[float, np.ndarray] | None
+) -> dict[str, float | bool]:
     """The contact that the log states; else the plane's crossing; else (never crossed) the last state.
 
     Args:
         log: the episode.
         state: its states in SI, (K+1, 14).
         port: the port.
+        crossing: time and state at its plane, as ``plane_crossing`` found them.
 
     Returns:
         As ``physics.contact.contact_report``: numbers, each condition, each box. For a last state off the plane the
@@ -105,7 +108,6 @@ def judged_contact(log: EpisodeLog, state: np.ndarray, port: Port) -> dict[str, 
     stated = log.metadata.get("contact")
     if isinstance(stated, Mapping) and all(name in stated for name in (*CONTACT_NUMBERS, *IDSS_CONDITIONS, "idss")):
         return dict(stated)
-    crossing = plane_crossing(log.time, state, port)
     where = state[-1] if crossing is None else crossing[1]
     report = contact_report(
         contact_state(where, port, hill_coupling=hill_coupled(log.metadata)), at_plane=crossing is not None
@@ -113,20 +115,36 @@ def judged_contact(log: EpisodeLog, state: np.ndarray, port: Port) -> dict[str, 
     return {name: value.item() for name, value in report.items()}
 
 
+def inference(log: EpisodeLog) -> dict[str, float | None]:
+    """How long the policy took for a step, of the whole batch that it was asked for, as the log states it.
+
+    The log's ``inference`` says how many steps at the beginning were warm-up; they count neither way.
+    """
+    about = log.metadata.get("inference")
+    about = about if isinstance(about, Mapping) else {}
+    first, batch = about.get("warm_up_steps"), about.get("batch")
+    seconds = log.extra.get("inference_s", np.empty(0))[first if isinstance(first, int) and first > 0 else 0 :]
+    seconds = seconds[np.isfinite(seconds)]
+    return {
+        "inference_ms": float(seconds.mean() * 1e3) if len(seconds) else None,
+        "inference_max_ms": float(seconds.max() * 1e3) if len(seconds) else None,
+        "inference_batch": float(batch) if isinstance(batch, int) and len(seconds) else None,
+    }
+
+
 def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
     """Every number of one episode: the names of ``catalog.NAMES``, then each IDSS and ATV condition."""
     port = port_of(log.metadata)
     state = state_from_dataset_units(log.state)
     position, velocity = state[:, POSITION], state[:, VELOCITY]
-    contact = judged_contact(log, state, port)
     crossing = plane_crossing(log.time, state, port)
+    contact = judged_contact(log, state, port, crossing)
     at_plane = abs(float(contact.get("axial_m", np.inf))) <= AT_PLANE_TOLERANCE_M
     crossed = crossing is not None or (at_plane and isinstance(log.metadata.get("contact"), Mapping))
     outside = corridor_margin(position, port, *corridor_of(log.metadata)) < 0.0
     idss = bool(contact["idss"])
     stated_success = log.metadata.get("success")
     clipped = log.metadata.get("clipped_actions")
-    seconds = log.extra.get("inference_s")
     row: dict[str, float | bool | None] = {
         "steps": float(log.num_steps),
         "duration_s": float(log.time[-1] - log.time[0]),
@@ -149,7 +167,7 @@ def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
         **effort(log.action, log.dt, state[:, MASS]),
         "clipped_actions": float(clipped) if isinstance(clipped, int | float) else None,
         "reward_sum": float(log.reward.sum()),
-        "inference_ms": float(np.mean(seconds) * 1e3) if seconds is not None and len(seconds) else None,
+        **inference(log),
     }
     ordered = {name: row[name] for name in NAMES}
     return ordered | {name: _flag(contact.get(name)) for name in (*IDSS_CONDITIONS, *ATV_CONDITIONS)}

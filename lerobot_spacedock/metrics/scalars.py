@@ -1,5 +1,8 @@
 """Episode logs of in-training evaluations as TensorBoard scalars: LeRobot itself stays as it is.
 
+A training writes them itself (``adapters/training_scalars.py``). For logs of other trainings, or of one that was told
+not to,
+
     python -m lerobot_spacedock.metrics.scalars outputs/train/act/logs --eval_freq=2000 --follow=30
 
 reads ``evaluation_0001``, ``evaluation_0002``, … below the folder as they appear, and writes one event file beside
@@ -48,22 +51,33 @@ def write_scalars(log_dir: Path, out: Path, *, eval_freq: int = 1, done: set[int
     Returns:
         Numbers written now.
     """
-    from tensorboard.summary import Writer
-
     done = set() if done is None else done
     fresh = [(number, folder) for number, folder in evaluations(log_dir) if number not in done]
-    if not fresh:
-        return []
-    writer = Writer(str(out))
     for number, folder in fresh:
-        sets, _ = collect([sorted(folder.glob("episode_*.parquet"))], workers=1)
-        for conditions, episodes in sets.items():
-            for name, value in terminal_scalars(episodes).items():
-                writer.add_scalar(f"spacedock_{conditions}/{name}", value, step=number * eval_freq)
+        write_event(out, evaluation_scalars(folder), number * eval_freq)
         done.add(number)
+    return [number for number, _ in fresh]
+
+
+def evaluation_scalars(folder: Path) -> dict[str, float]:
+    """``spacedock_<set>/<metric>`` → mean over the episode logs in a folder."""
+    sets, _ = collect([sorted(folder.glob("episode_*.parquet"))], workers=1)
+    return {
+        f"spacedock_{conditions}/{name}": value
+        for conditions, episodes in sets.items()
+        for name, value in terminal_scalars(episodes).items()
+    }
+
+
+def write_event(out: Path, scalars: dict[str, float], step: int) -> None:
+    """Adds scalars at one training step to a folder of TensorBoard event files."""
+    from tensorboard.summary import Writer
+
+    writer = Writer(str(out))
+    for tag, value in scalars.items():
+        writer.add_scalar(tag, value, step=step)
     writer.flush()
     writer.close()
-    return [number for number, _ in fresh]
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -12,7 +12,7 @@ from tqdm import tqdm
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.metrics.collect import collect
 from lerobot_spacedock.report.model import Run, Study
-from lerobot_spacedock.report.runs import log_files, parse_runs
+from lerobot_spacedock.report.runs import POLICY_FILE, log_files, parse_runs
 from lerobot_spacedock.report.samples import read_samples
 
 
@@ -24,9 +24,10 @@ class ReportConfig:
     runs: list[str] = field(default_factory=list)
     # Folder to write; made if absent, files of the same names are replaced
     out: Path = Path("report")
-    # What trained a policy: label=file.json with "episodes" and "interactions" (as train-expert writes)
+    # What trained a policy: label=file.json with "episodes" and "interactions" (as train-expert writes); left out,
+    # what the evaluation wrote beside the logs
     training: list[str] = field(default_factory=list)
-    # What an imitator learned from: label=root of its LeRobotDataset
+    # What an imitator learned from: label=root of its LeRobotDataset; left out, what the evaluation wrote
     demos: list[str] = field(default_factory=list)
     # Label of the run whose Δv the others are set against; default: the run that is called MPC, if there is one
     reference: str | None = None
@@ -46,11 +47,15 @@ def load_study(cfg: ReportConfig) -> Study:
     """
     specs = parse_runs(cfg.runs)
     labels = [spec.label for spec in specs]
-    samples = read_samples(cfg.training, cfg.demos, labels)
     reference = _reference(cfg.reference, labels)
     if cfg.resamples < 100:
         raise InputError("--resamples", cfg.resamples, "100 or more")
     files = [[log_files(folder) for folder in spec.folders] for spec in specs]
+    records = {
+        spec.label: [folder[0].parent / POLICY_FILE for folder in folders]
+        for spec, folders in zip(specs, files, strict=True)
+    }
+    samples = read_samples(cfg.training, cfg.demos, records)
     total = sum(len(folder) for run in files for folder in run)
     runs = []
     with tqdm(total=total, unit="episode", desc="reading logs", file=sys.stderr, disable=total < 50) as bar:

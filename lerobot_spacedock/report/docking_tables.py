@@ -89,7 +89,7 @@ def contact_table(study: Study) -> Table:
 
 def safety_table(study: Study) -> Table:
     """Corridor, fly-throughs, closest approach, attitude and rate errors, and time."""
-    names = ("final_misalignment_deg", "final_rate_deg_s", "closest_approach_m", "duration_s", "inference_ms")
+    names = ("final_misalignment_deg", "final_rate_deg_s", "closest_approach_m", "duration_s")
     head = (
         "set",
         "run",
@@ -106,7 +106,7 @@ def safety_table(study: Study) -> Table:
     notes = (
         "Success: as the log states it, else the IDSS box. Corridor: the cone about the port axis that the log states, "
         "by default 10° to either side from a mouth of 1.5 m. Flew through: passed the port plane outside the IDSS "
-        "box. Right of them means; inference: time of the policy for a step. " + INTERVALS,
+        "box. Right of them means. " + INTERVALS,
     )
     return Table("safety", "Approach", head, tuple(rows), notes, 2)
 

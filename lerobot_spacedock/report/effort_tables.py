@@ -1,4 +1,4 @@
-"""Beyond the paper: what an approach cost, and the smoothness of thrust and torque apart."""
+"""Beyond the paper: what an approach cost, the smoothness of thrust and torque apart, and time to think."""
 
 from __future__ import annotations
 
@@ -57,6 +57,41 @@ def smoothness_table(study: Study) -> Table:
         "columns to its right do neither.",
     )
     return Table("smoothness", "Smoothness, thrust and torque apart", head, tuple(rows), notes, 2)
+
+
+def inference_table(study: Study) -> Table:
+    """How long a policy thinks, a step, and whether that would do on board."""
+    head = (
+        "set",
+        "run",
+        "episodes at once",
+        "episodes timed",
+        "mean (ms)",
+        "mean, 95 % of episodes (ms)",
+        "longest step (ms)",
+        "share of a control step",
+    )
+    rows: list[tuple[Cell | str, ...]] = []
+    for conditions, run, e in study.groups():
+        batches, mean, longest = (e.values(name) for name in ("inference_batch", "inference_ms", "inference_max_ms"))
+        if not len(mean):
+            rows.append((conditions, run.label, *(Cell("not stated", None),) * 6))
+            continue
+        at_once = sorted({int(batch) for batch in batches})
+        size = Cell(", ".join(map(str, at_once)) or "not stated", at_once)
+        step_ms = 1e3 * e.columns["duration_s"].sum() / max(e.columns["steps"].sum(), 1.0)
+        share_of_step = float(longest.max() / step_ms) if step_ms else None
+        cells = (number(float(mean.mean())), number(summarize(mean).p95), number(float(longest.max())))
+        share_cell = Cell(DASH if share_of_step is None else f"{100 * share_of_step:.1f} %", share_of_step)
+        rows.append((conditions, run.label, size, integer(len(mean)), *cells, share_cell))
+    notes = (
+        "Wall time between the simulator’s answer and the next command: the policy with its pre- and post-processing, "
+        "once for all episodes that were flown at once (not divided by them), on the machine that flew the run. The "
+        "first call of an evaluation, which also compiles and allocates, is left out. Share: the longest step against "
+        "the mean length of a control step. A policy that commands chunks thinks at their beginnings only: read the "
+        "longest step. “Not stated”: logs by other makers, or of before this was measured.",
+    )
+    return Table("inference", "Inference time a step", head, tuple(rows), notes, 2)
 
 
 def _head(name: str) -> str:

@@ -20,6 +20,7 @@ class Samples:
     demonstrations: int | None = None
     demonstration_interactions: int | None = None
     flown_episodes: int | None = None
+    expert: str | None = None
 
 
 @dataclass

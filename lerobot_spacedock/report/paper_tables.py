@@ -30,17 +30,21 @@ def table1(study: Study) -> Table:
         s = run.samples
         parts = [n for n in (s.training_interactions, s.demonstration_interactions) if n is not None]
         counts = (s.training_episodes, s.training_interactions, s.demonstrations, s.demonstration_interactions)
-        rows.append((run.label, *(_stated(n) for n in counts), _stated(sum(parts) if parts else None)))
-        if s.flown_episodes is not None:
+        whole = s.training_interactions is not None  # without the training there is no bill to add up
+        rows.append((run.label, *(_stated(n) for n in counts), _stated(sum(parts) if whole else None)))
+        if s.flown_episodes is not None and s.demonstrations is not None:
             notes.append(f"{run.label}: {s.demonstrations:,} demonstrations kept of {s.flown_episodes:,} flown.")
+        if s.expert is not None:
+            notes.append(f"{run.label} imitates {s.expert}, whose training is on its bill.")
     first_paper = len(rows)
     for p in paper.SAMPLES:
         parts = [n for n in (p.training_interactions, p.demonstration_interactions) if n is not None]
         counts = (p.training_episodes, p.training_interactions, p.demonstrations, p.demonstration_interactions)
         rows.append((p.method, *(integer(n) for n in counts), integer(sum(parts))))
     notes.append(
-        "An imitator's bill holds the training of the expert that flew its demonstrations. “Not stated”: give "
-        "--training label=file.json and --demos label=dataset."
+        "An imitator's bill holds the training of the expert that flew its demonstrations. Counts come from the "
+        "policy.json that an evaluation leaves beside its logs, or from --training label=file.json and --demos "
+        "label=dataset. “Not stated”: neither says."
     )
     return Table(
         "table1", "Table 1. Sample efficiency", head, tuple(rows), tuple(notes), 1, _from(first_paper, len(rows))

@@ -10,6 +10,7 @@ from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.metrics.collect import SURPLUS_FOLDER
 
 PATTERN = "episode_*.parquet"
+POLICY_FILE = "policy.json"  # what flew, beside the logs of an evaluation under LeRobot
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,14 @@
-"""How much a method saw: read from what its makers wrote down, never guessed."""
+"""How much a method saw: read from what its makers wrote down, never guessed.
+
+An evaluation under LeRobot leaves ``policy.json`` beside its logs: what flew, what trained it, the dataset that it
+imitates and what trained the expert in there. ``--training`` and ``--demos`` say it for logs by other makers, and go
+before it.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +17,19 @@ from lerobot_spacedock.report.model import Samples
 from lerobot_spacedock.report.runs import split_pairs
 
 EPISODE_KEYS = ("episodes", "training_episodes", "num_episodes")
+DEMONSTRATION_KEYS = ("demonstrations", "demonstration_interactions", "flown_episodes")
 INTERACTION_KEYS = ("interactions", "training_interactions", "env_steps", "steps")
 
 
-def read_samples(training: Sequence[str], demos: Sequence[str], labels: Sequence[str]) -> dict[str, Samples]:
-    """Counts by run label, for the runs that ``--training`` or ``--demos`` speak of.
+def read_samples(
+    training: Sequence[str], demos: Sequence[str], records: Mapping[str, Sequence[Path]]
+) -> dict[str, Samples]:
+    """Counts by run label, for the runs of which anything is known.
+
+    Args:
+        training: ``label=file.json`` words.
+        demos: ``label=root`` words.
+        records: per run label, where its ``policy.json`` may lie, one a training seed; the first that is there counts.
 
     Raises:
         InputError: a label that is no run's, or a file that does not exist.
@@ -26,17 +39,37 @@ def read_samples(training: Sequence[str], demos: Sequence[str], labels: Sequence
     shown = split_pairs("--demos", demos, "datasets/demos")
     for option, pairs in (("--training", trained), ("--demos", shown)):
         for label in pairs:
-            if label not in labels:
-                raise InputError(option, label, " | ".join(labels), "A label of --runs is meant.")
+            if label not in records:
+                raise InputError(option, label, " | ".join(records), "A label of --runs is meant.")
     samples = {}
-    for label in {**trained, **shown}:
-        counts: dict[str, int | None] = {}
-        if label in trained:
-            counts |= _training(Path(trained[label]).expanduser())
+    for label, paths in records.items():
+        counts = next((_recorded(path) for path in paths if path.is_file()), {})
         if label in shown:
             counts |= _demonstrations(Path(shown[label]).expanduser())
-        samples[label] = Samples(**counts)
+        if label in trained:
+            counts |= _training(Path(trained[label]).expanduser())
+        if counts:
+            samples[label] = Samples(**counts)
     return samples
+
+
+def _recorded(path: Path) -> dict[str, Any]:
+    """The counts of an evaluation's ``policy.json``; what it does not state stays out."""
+    record = _json("policy.json", path)
+    shown = record.get("learnt_from")
+    shown = shown if isinstance(shown, dict) else {}
+    training = shown.get("training") if shown else record.get("training")
+    training = training if isinstance(training, dict) else {}
+    counts = {
+        "training_episodes": _first_count(training, EPISODE_KEYS),
+        "training_interactions": _first_count(training, INTERACTION_KEYS),
+        **{name: _first_count(shown, (name,)) for name in DEMONSTRATION_KEYS},
+    }
+    expert = shown.get("expert")
+    known = {name: count for name, count in counts.items() if count is not None}
+    if str(record.get("type")).startswith("spacedock_"):  # an expert: it imitates nothing
+        known |= {"demonstrations": 0, "demonstration_interactions": 0}
+    return known | ({"expert": expert} if isinstance(expert, str) else {})
 
 
 def _training(path: Path) -> dict[str, int | None]:
@@ -58,8 +91,13 @@ def _demonstrations(root: Path) -> dict[str, int | None]:
     counts = {"demonstrations": episodes, "demonstration_interactions": frames}
     made = root / "meta" / "spacedock.json"
     if made.exists():
-        selection = _json("--demos", made).get("selection")
+        facts = _json("--demos", made)
+        selection, expert = facts.get("selection"), facts.get("expert")
         counts["flown_episodes"] = _first_count(selection if isinstance(selection, dict) else {}, ("flown",))
+        training = expert.get("training") if isinstance(expert, dict) else None
+        if isinstance(training, dict):
+            counts["training_episodes"] = _first_count(training, EPISODE_KEYS)
+            counts["training_interactions"] = _first_count(training, INTERACTION_KEYS)
     return counts
 
 

@@ -158,7 +158,7 @@ _TEX = {
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "‖": r"$\|$", "−": r"$-$", "–": "--", "±": r"$\pm$",
     "Δ": r"$\Delta$", "°": r"$^\circ$", "·": r"$\cdot$", "≤": r"$\leq$", "≥": r"$\geq$", "<": r"$<$", ">": r"$>$",
     "δ": r"$\delta$", "≈": r"$\approx$", "×": r"$\times$", "∈": r"$\in$", "²": r"$^2$", "→": r"$\to$", "α": r"$\alpha$",
-    "†": r"$\dagger$", "“": "``", "”": "''", "…": r"\ldots{}",
+    "†": r"$\dagger$", "’": "'", "“": "``", "”": "''", "…": r"\ldots{}",
 }  # fmt: skip
 _TEX_PATTERN = re.compile("|".join(re.escape(key) for key in _TEX))
 

@@ -44,6 +44,7 @@ def make_tables(study: Study, cfg: ReportConfig) -> list[Table]:
         comparison_tables.seeds_table(study),
         effort_tables.effort_table(study),
         effort_tables.smoothness_table(study),
+        effort_tables.inference_table(study),
     ]
     return [table for table in tables if table is not None]
 

@@ -1,16 +1,20 @@
 """The vector envs under LeRobot's own rollout rules: each episode recorded once, its end carried out, nothing added."""
 
 import json
+import time
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from lerobot.envs.utils import NEW_ROLLOUT_OPTION, freeze_after_episode_end
 
-from lerobot_spacedock.adapters.evaluation_log import METRICS_FILE, EvaluationLog, evaluation_folder
+from lerobot_spacedock.adapters.evaluation_log import METRICS_FILE, POLICY_FILE, EvaluationLog, evaluation_folder
 from lerobot_spacedock.adapters.vector_env import LoggingAsyncVectorEnv, LoggingSyncVectorEnv
-from lerobot_spacedock.episode_log import log_path
+from lerobot_spacedock.env.spacedock import SpaceDockEnv
+from lerobot_spacedock.episode_log import log_path, read_episode_log
 from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.metrics.episode import inference
 
 
 class Countdown(gym.Env):
@@ -122,3 +126,57 @@ def test_evaluations_inside_training_never_share_a_folder(tmp_path):
     (tmp_path / "evaluation_0001").mkdir()
     (tmp_path / "evaluation_0007").mkdir()
     assert evaluation_folder(tmp_path, numbered=True).name == "evaluation_0008"
+
+
+@pytest.mark.parametrize("cls", [LoggingSyncVectorEnv, LoggingAsyncVectorEnv])
+def test_the_policys_time_is_in_the_logs_and_the_envs_own_is_not(cls, tmp_path):
+    """Thinks 20 ms a step, 200 ms at the very first; pictures take 200 ms, drawn before it asks for the task."""
+    env = cls([freeze_after_episode_end(partial(SlowToDraw, tmp_path))] * 2, log=EvaluationLog(tmp_path, 2, None))
+    thought = np.zeros((2, 4))
+    for batch, seeds in enumerate(([5, 6], [7, 8])):
+        env.reset(seed=seeds, options={NEW_ROLLOUT_OPTION: True})
+        for k in range(4):
+            env.call("render")
+            env.call("task_description")
+            began = time.perf_counter()
+            time.sleep(0.2 if batch == k == 0 else 0.02)
+            thought[batch, k] = time.perf_counter() - began
+            env.step(np.zeros((2, 6), dtype=np.float32))
+    env.close()
+    for seed in range(5, 9):
+        log = read_episode_log(log_path(tmp_path, seed))
+        warm_up = int(seed < 7)
+        assert log.metadata["inference"] == {"batch": 2, "warm_up_steps": warm_up}
+        beyond = log.extra["inference_s"] - thought[0 if seed < 7 else 1]
+        assert (beyond >= 0.0).all()
+        assert np.median(beyond) < 0.1  # a busy machine may be late once, not mostly
+        counted = log.extra["inference_s"][warm_up:]
+        assert inference(log)["inference_ms"] == pytest.approx(1e3 * counted.mean())
+        assert inference(log)["inference_max_ms"] == pytest.approx(1e3 * counted.max())
+        (line,) = (line for line in lines(tmp_path) if line["seed"] == seed)
+        assert (line["inference_batch"], line["inference_ms"]) == (2, pytest.approx(1e3 * counted.mean()))
+
+
+class SlowToDraw(SpaceDockEnv):
+    """The real environment, four steps long, whose pictures take 200 ms."""
+
+    def __init__(self, folder):
+        super().__init__(render_mode="rgb_array", obs_type="agent_pos", max_steps=4, log_dir=str(folder))
+
+    def _draw(self):
+        time.sleep(0.2)
+        return np.zeros((8, 8, 3), dtype=np.uint8)
+
+
+def test_what_flies_is_written_once_and_the_end_is_told_once(tmp_path):
+    asked, ended = [], []
+    log = EvaluationLog(
+        tmp_path, 1, None, policy=lambda: asked.append(1) or {"type": "act"}, at_end=lambda folder: ended.append(folder)
+    )
+    env = LoggingSyncVectorEnv([freeze_after_episode_end(partial(Countdown, tmp_path))], log=log)
+    roll_out(env, [1])
+    assert json.loads((tmp_path / POLICY_FILE).read_text()) == {"type": "act"}
+    roll_out(env, [2])
+    env.close()
+    env.close()
+    assert (asked, ended) == ([1], [tmp_path])
