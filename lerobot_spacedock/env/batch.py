@@ -161,7 +161,7 @@ class BatchedSpaceDock:
             kernels.step_parallel(self._blocks, action, self._grid, sim, self.task)
         else:
             kernels.step_rows(0, self.count, action, self._grid, sim, self.task)
-        ended = np.flatnonzero(running & (sim.code != RUNNING))
+        ended = (running & (sim.code != RUNNING)).nonzero()[0]
         code, reward, final_state = sim.code, sim.reward, sim.state
         report: dict[str, np.ndarray] = {}
         if ended.size:
@@ -176,11 +176,11 @@ class BatchedSpaceDock:
                 code, reward, final_state = sim.code.copy(), reward.copy(), sim.state.copy()
                 kernels.next_keys(ended, sim)
                 kernels.reset_rows(ended, sim, self.task)
-        truncated = (code == TIMEOUT) | (code == HORIZON)
+        truncated = code >= TIMEOUT
         return StepResult(
             observation=self.observe() if observe else _NOTHING,
             reward=reward,
-            terminated=(code != RUNNING) & ~truncated,
+            terminated=(code > RUNNING) & (code < TIMEOUT),
             truncated=truncated,
             final_state=final_state,
             code=code,

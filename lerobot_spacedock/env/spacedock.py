@@ -35,6 +35,7 @@ CAMERA_NAME = "camera"
 TASK_DESCRIPTION = "dock with the International Space Station"
 _POSE_FREE_INDICES = np.array([3, 4, 5, 11, 12, 13])
 # LeRobot marks the first reset of each rollout with it
+_REWARD_NAMES = tuple(f"reward_{name}" for name in STEP_TERMS)
 _IGNORED_OPTIONS = {"lerobot_new_rollout"}
 
 
@@ -168,8 +169,8 @@ class SpaceDockEnv(gym.Env):
         ):
             self._trace[name].append(value)
         info = self._info(state.copy())
-        info |= {f"reward_{name}": float(value) for name, value in zip(STEP_TERMS, sim.terms[0], strict=True)}
-        info["reward_terminal"] = reward - float(sim.terms[0].sum())
+        info |= zip(_REWARD_NAMES, sim.terms[0].tolist(), strict=True)
+        info["reward_terminal"] = reward - float(np.add.reduce(sim.terms[0]))
         terminated, truncated = bool(result.terminated[0]), bool(result.truncated[0])
         if terminated or truncated:
             self._running = False

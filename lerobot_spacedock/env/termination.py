@@ -5,6 +5,7 @@ from __future__ import annotations
 from lerobot_spacedock.jit import jit
 from lerobot_spacedock.physics.propagate import propagate_row
 
+# the task ended the episode: CONTACT to VOLUME; its limit of steps: TIMEOUT and HORIZON
 RUNNING, CONTACT, COLLISION, CORRIDOR, VOLUME, TIMEOUT, HORIZON, BROKEN = range(8)
 
 # a contact inside the IDSS box is "docked"; BROKEN raises and has no name
