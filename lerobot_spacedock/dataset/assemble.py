@@ -4,18 +4,37 @@ from __future__ import annotations
 
 import logging
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 
 from lerobot_spacedock.dataset.card import write_card
 from lerobot_spacedock.dataset.job import Job, Plan
 from lerobot_spacedock.dataset.provenance import write_dataset_facts, write_episode_rows
 from lerobot_spacedock.dataset.record import free_space, quiet_encoders
-from lerobot_spacedock.dataset.shards import SUMMARY_FILE, ShardSummary, read_summary
+from lerobot_spacedock.dataset.shards import SUMMARY_FILE, read_summary
 from lerobot_spacedock.dataset.statistics import repair_statistics
 from lerobot_spacedock.errors import FileFormatError, SpaceDockError
 
+MERGE_AT_ONCE = 64  # LeRobot holds the metadata of everything that it merges
 
-def assemble(job: Job) -> ShardSummary:
+
+@dataclass(frozen=True)
+class Total:
+    """What a dataset holds.
+
+    Attributes:
+        episodes, frames: sizes.
+        left_out: (episode, reason) of each that could not be read.
+        notes: further sentences for whoever ran the command.
+    """
+
+    episodes: int
+    frames: int
+    left_out: list[tuple[str, str]]
+    notes: list[str]
+
+
+def assemble(job: Job) -> Total:
     """Makes the dataset at ``job.root`` out of the shards, all of which have to be finished.
 
     Returns:
@@ -26,22 +45,18 @@ def assemble(job: Job) -> ShardSummary:
         SpaceDockError: writing failed; the shards stay, and the same command goes on from them.
     """
     plan = Plan.read(job.plan_path)
-    summaries = [read_summary(job, index) for index in range(plan.num_shards)]
-    total = ShardSummary(
-        rows=[row for summary in summaries for row in summary.rows],
-        left_out=[pair for summary in summaries for pair in summary.left_out],
-    )
-    if not total.rows:
+    total, shards = _count(job, plan.num_shards)
+    if not total.episodes:
         listed = "; ".join(f"{name}: {reason}" for name, reason in total.left_out[:3])
         raise FileFormatError(f"None of {len(total.left_out)} episodes could be read. {listed}")
     complete = job.folder / "complete"
     shutil.rmtree(complete, ignore_errors=True)
-    shards = [job.shard(index) for index, summary in enumerate(summaries) if summary.rows]
     try:
-        _merge(shards, plan, complete)
+        _merge_by_parts(shards, plan, job.folder / "merged", complete)
         repair_statistics(complete)
-        write_episode_rows(complete, total.rows)
+        write_episode_rows(complete, (read_summary(job, index).rows for index in range(plan.num_shards)))
         facts = plan.facts | {"left_out": total.left_out} if total.left_out else plan.facts
+        facts = facts | {"notes": total.notes} if total.notes else facts
         write_dataset_facts(complete, facts, plan.layout.columns())
         write_card(complete, plan.layout.repo_id)
     except (OSError, RuntimeError) as error:
@@ -51,6 +66,38 @@ def assemble(job: Job) -> ShardSummary:
         ) from error
     job.finish(complete)
     return total
+
+
+def _count(job: Job, num_shards: int) -> tuple[Total, list[Path]]:
+    """The sizes of all shards together, and the folders of those that hold something."""
+    episodes, frames, left_out, shards = 0, 0, [], []
+    sizes: dict[str, int] = {}
+    for index in range(num_shards):
+        summary = read_summary(job, index)
+        episodes, frames = episodes + len(summary.rows), frames + summary.frames
+        left_out += summary.left_out
+        for size, count in summary.resized.items():
+            sizes[size] = sizes.get(size, 0) + count
+        if summary.rows:
+            shards.append(job.shard(index))
+    notes = [f"pictures of {count} episodes were scaled: {size}" for size, count in sorted(sizes.items())]
+    return Total(episodes, frames, left_out, notes), shards
+
+
+def _merge_by_parts(shards: list[Path], plan: Plan, scratch: Path, complete: Path) -> None:
+    """Merges a few at a time, and what comes of that again, so that memory does not grow with their number."""
+    level = 0
+    while len(shards) > MERGE_AT_ONCE:
+        parts = [shards[at : at + MERGE_AT_ONCE] for at in range(0, len(shards), MERGE_AT_ONCE)]
+        folder = scratch / str(level)
+        shutil.rmtree(folder, ignore_errors=True)
+        merged = [folder / f"{number:06d}" for number in range(len(parts))]
+        for part, target in zip(parts, merged, strict=True):
+            _merge(part, plan, target)
+        if level:
+            shutil.rmtree(scratch / str(level - 1))
+        shards, level = merged, level + 1
+    _merge(shards, plan, complete)
 
 
 def _merge(shards: list[Path], plan: Plan, complete: Path) -> None:

@@ -40,7 +40,7 @@ def dataset_card(root: Path, repo_id: str, *, license_id: str = "apache-2.0", ta
         f"## Columns\n\n{_columns(reader)}",
         f"## Statistics\n\n{_statistics(reader, stats)}",
         f"## Use\n\n{_use(reader, repo_id)}",
-        f"## Known limits\n\n{_limits(reader, stats)}",
+        f"## Known limitations\n\n{_limits(reader, stats)}",
         f"## Licence and citation\n\nLicence: {license_id}. The task and its reference dynamics are those of\n\n"
         f"```bibtex\n{CITATION}\n```",
     ]
@@ -59,7 +59,7 @@ def write_card(root: Path, repo_id: str, *, license_id: str = "apache-2.0", tags
 
 def write_strip(reader: DatasetReader) -> Path | None:
     """A strip of frames of the first episode, as ``STRIP_FILE``; None without pictures."""
-    if not reader.cameras or not reader.episodes:
+    if not reader.cameras or not len(reader.lengths):
         return None
     import cv2
 
@@ -130,6 +130,7 @@ def _making(reader: DatasetReader) -> str:
         lines.append(f"- segment: {facts['segment']}, repeated {facts.get('repeat_terminal', 0)} times")
     if facts.get("left_out"):
         lines.append(f"- left out, because they could not be read: {len(facts['left_out'])}")
+    lines += [f"- {note}" for note in facts.get("notes", [])]
     lines.append(f"- versions: {', '.join(f'{name} {number}' for name, number in facts['versions'].items())}")
     return "\n".join(lines)
 
@@ -152,7 +153,7 @@ def _disturbance(given: dict[str, Any] | None) -> str:
 
 
 def _contents(reader: DatasetReader) -> str:
-    lengths = np.array(reader.lengths)
+    lengths = reader.lengths
     lines = [
         "| | |",
         "|---|---|",
@@ -161,9 +162,9 @@ def _contents(reader: DatasetReader) -> str:
         f"| frames an episode | {lengths.min()} to {lengths.max()}, mean {lengths.mean():.1f} |",
     ]
     if reader.about is not None:
-        docked = sum(row["success"] for row in reader.about)
+        docked = int(reader.about.column("success").sum())
         lines.append(f"| docked inside the IDSS box | {docked} of {len(reader.about)} |")
-        miss = [1e2 * float(np.hypot(row["terminal_x"], row["terminal_z"])) for row in reader.about]
+        miss = 1e2 * np.hypot(reader.about.column("terminal_x"), reader.about.column("terminal_z"))
         lines.append(f"| lateral distance at the end | median {np.median(miss):.1f} cm, worst {np.max(miss):.1f} cm |")
     for camera in reader.cameras:
         feature = reader.features[camera]
@@ -228,7 +229,10 @@ def _use(reader: DatasetReader, repo_id: str) -> str:
 
 
 def _limits(reader: DatasetReader, stats: dict[str, Any]) -> str:
-    lines = ["- Simulated: Hill–Clohessy–Wiltshire motion about a circular orbit, a rigid body, ideal thrusters."]
+    lines = [
+        "- Synthetic: drawn pictures, Hill–Clohessy–Wiltshire motion about a circular orbit, a rigid body, ideal "
+        "thrusters."
+    ]
     env = reader.facts.get("env") or {}
     if env.get("sun") == "fixed":
         lines.append("- One direction of sunlight: a policy trained on it has seen no other.")
@@ -243,7 +247,7 @@ def _limits(reader: DatasetReader, stats: dict[str, Any]) -> str:
         if flat:
             lines.append(f"- `{name}` has no spread in {', '.join(flat)}.")
     if reader.about is not None:
-        failed = sum(not row["success"] for row in reader.about)
+        failed = len(reader.about) - int(reader.about.column("success").sum())
         if failed:
             lines.append(f"- {failed} of {len(reader.about)} episodes do not end inside the IDSS box.")
     return "\n".join(lines)

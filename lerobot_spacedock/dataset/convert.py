@@ -96,7 +96,9 @@ def convert(config: ConvertConfig) -> int:
             job.write_plan(*_plan(config))
         run_executor(job, config.executor, num_workers=config.num_workers, total_frames=None)
         total = assemble(job)
-    print(f"Wrote {len(total.rows)} episodes, {total.frames} frames to {root}")
+    print(f"Wrote {total.episodes} episodes, {total.frames} frames to {root}")
+    for note in total.notes:
+        print(f"  {note}")
     if total.left_out:
         print(f"Left out {len(total.left_out)}:")
         for name, reason in total.left_out:

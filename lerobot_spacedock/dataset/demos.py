@@ -147,7 +147,7 @@ def demos(config: DemosConfig) -> int:
             _copy_logs(kept, Path(config.log_dir))
         total = assemble(job)
     chosen = facts["selection"]
-    print(f"Wrote {len(total.rows)} episodes, {total.frames} frames to {root}")
+    print(f"Wrote {total.episodes} episodes, {total.frames} frames to {root}")
     print(
         f"  kept {chosen['kept']} of {chosen['flown']} flown ({chosen['rule_text']}); {chosen['docked']} of them docked"
     )
@@ -244,6 +244,8 @@ def _select(config: DemosConfig, job: Job) -> tuple[list[EpisodeRef], dict[str, 
 
 
 def _plan(config: DemosConfig, kept: int, facts: dict[str, Any]) -> Plan:
+    from lerobot_spacedock.expert.checkpoint import training_counts
+
     env = config.env_config(config.starts[0])
     disturbed = config.kicks.probability > 0.0 or config.noise.thrust_N > 0.0 or config.noise.torque_Nm > 0.0
     return Plan(
@@ -255,7 +257,11 @@ def _plan(config: DemosConfig, kept: int, facts: dict[str, Any]) -> Plan:
         facts={
             "made_by": "spacedock demos",
             "command": facts["command"],
-            "expert": {"name": config.expert, "checkpoint": config.checkpoint},
+            "expert": {
+                "name": config.expert,
+                "checkpoint": config.checkpoint,
+                "training": training_counts(config.expert, config.checkpoint),
+            },
             "env": asdict(env),
             "initial_conditions": list(config.starts),
             "first_seed": config.seed,

@@ -95,9 +95,9 @@ def _check_features(reader: DatasetReader, report: Report) -> bool:
     return report.ok
 
 
-def _sample(lengths: list[int], count: int) -> dict[int, list[int]]:
+def _sample(lengths: np.ndarray, count: int) -> dict[int, list[int]]:
     """Frames to look at: evenly over all of them, first and last included; {episode: [steps]}."""
-    total = sum(lengths)
+    total = int(lengths.sum())
     starts = np.concatenate([[0], np.cumsum(lengths)]).astype(int)
     chosen: dict[int, list[int]] = {}
     for at in np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(int)) if total else []:

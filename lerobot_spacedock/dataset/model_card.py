@@ -51,7 +51,7 @@ def write_model_card(
         f"## Training\n\n{_training(policy, training)}",
         "## Use\n\n```\npip install lerobot_env_spacedock\n"
         f"lerobot-eval --policy.path={repo_id} --env.type=spacedock\n```",
-        "## Known limits\n\nTrained and measured in simulation only; see the dataset's card for what it has seen.",
+        "## Known limitations\n\nTrained and measured in simulation only; see the dataset's card for what it has seen.",
         f"## Citation\n\n```bibtex\n{CITATION}\n```",
     ]
     path = folder / "README.md"

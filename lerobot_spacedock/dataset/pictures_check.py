@@ -61,7 +61,7 @@ class FrameStore:
         Raises:
             FileFormatError: the file is missing or damaged.
         """
-        about = self.reader.episodes[episode]
+        about = self.reader.listed(episode)
         if self.kind == "video":
             return self._video_frame(about, step)
         return self._stored_picture(about, step)

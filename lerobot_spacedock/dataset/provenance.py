@@ -5,8 +5,10 @@ LeRobot reads neither and its tools may drop them; whoever reads them here can d
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
+from collections.abc import Iterable, Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,7 @@ from lerobot_spacedock.physics.frames import STATE_NAMES
 DATASET_FILE = "meta/spacedock.json"
 EPISODES_FILE = "meta/spacedock_episodes.parquet"
 TERMINAL_COLUMNS = tuple(f"terminal_{name}" for name in STATE_NAMES)
+ROWS_AT_ONCE = 256
 PACKAGES = ("lerobot", "numpy", "numba", "torch", "datasets", "av")
 
 
@@ -66,28 +69,67 @@ def episode_row(log: EpisodeLog, *, source: str, repeat: int = 0) -> dict[str, A
     }
 
 
-def write_episode_rows(root: Path, rows: list[dict[str, Any]]) -> None:
-    """Writes ``EPISODES_FILE``; the row's place is the episode's index."""
-    columns = {name: [row[name] for row in rows] for name in rows[0]}
-    columns = {"episode_index": list(range(len(rows)))} | columns
-    table = pa.table({name: _array(name, values) for name, values in columns.items()})
-    pq.write_table(table, root / EPISODES_FILE, compression="zstd")
+def write_episode_rows(root: Path, parts: Iterable[list[dict[str, Any]]]) -> None:
+    """Writes ``EPISODES_FILE``, part by part; the row's place is the episode's index."""
+    count, writer = 0, None
+    try:
+        for rows in parts:
+            if not rows:
+                continue
+            columns = {"episode_index": list(range(count, count + len(rows)))}
+            columns |= {name: [row[name] for row in rows] for name in rows[0]}
+            table = pa.table({name: _array(name, values) for name, values in columns.items()})
+            writer = writer or pq.ParquetWriter(root / EPISODES_FILE, table.schema, compression="zstd")
+            writer.write_table(table)
+            count += len(rows)
+    finally:
+        if writer is not None:
+            writer.close()
 
 
-def read_episode_rows(root: Path) -> list[dict[str, Any]] | None:
-    """The rows in order of the episode's index, or None where the dataset has none.
+class EpisodeRows:
+    """``EPISODES_FILE``, of which only some rows at a time are in memory; in the order of the episodes.
 
     Raises:
         FileFormatError: the file is there and is not readable.
     """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with self._reading(), pq.ParquetFile(path) as file:
+            self.count = file.metadata.num_rows
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        with self._reading(), pq.ParquetFile(self.path) as file:
+            for batch in file.iter_batches(batch_size=ROWS_AT_ONCE):
+                yield from batch.to_pylist()
+
+    def column(self, name: str) -> np.ndarray:
+        """One value an episode."""
+        with self._reading():
+            return pq.read_table(self.path, columns=[name], partitioning=None).column(name).to_numpy()
+
+    @contextlib.contextmanager
+    def _reading(self) -> Iterator[None]:
+        try:
+            yield
+        except (pa.ArrowException, OSError, KeyError) as error:
+            raise FileFormatError(f"{self.path}: not a readable Parquet file ({error}).") from error
+
+
+def episode_rows(root: Path) -> EpisodeRows | None:
+    """What ``EPISODES_FILE`` says, or None where the dataset has none."""
     path = root / EPISODES_FILE
-    if not path.exists():
-        return None
-    try:
-        rows = pq.read_table(path, partitioning=None).to_pylist()
-    except (pa.ArrowException, OSError) as error:
-        raise FileFormatError(f"{path}: not a readable Parquet file ({error}).") from error
-    return sorted(rows, key=lambda row: row["episode_index"])
+    return EpisodeRows(path) if path.exists() else None
+
+
+def read_episode_rows(root: Path) -> list[dict[str, Any]] | None:
+    """All rows at once, in the order of the episodes; None where the dataset has none."""
+    rows = episode_rows(root)
+    return None if rows is None else list(rows)
 
 
 def terminal_state(row: dict[str, Any]) -> np.ndarray:

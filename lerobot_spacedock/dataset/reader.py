@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lerobot_spacedock.dataset.episode import log_of_rows
-from lerobot_spacedock.dataset.provenance import read_dataset_facts, read_episode_rows, terminal_state
+from lerobot_spacedock.dataset.provenance import EpisodeRows, episode_rows, read_dataset_facts, terminal_state
 from lerobot_spacedock.dataset.statistics import column_array
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import FileFormatError
@@ -58,16 +58,25 @@ class DatasetReader:
         self.info = _read_json(root / "meta" / "info.json")
         self.features: dict[str, dict[str, Any]] = self.info.get("features", {})
         self.facts = read_dataset_facts(root)
-        self.about = read_episode_rows(root)
-        self.episodes = self._read_episodes()
+        self.about = episode_rows(root)
+        self.files, self.lengths = self._read_lengths()
 
     @property
     def cameras(self) -> list[str]:
         return [name for name, feature in self.features.items() if feature["dtype"] in ("image", "video")]
 
-    @property
-    def lengths(self) -> list[int]:
-        return [episode["length"] for episode in self.episodes]
+    def listed(self, index: int) -> dict[str, Any]:
+        """What ``meta/episodes`` says of one episode, statistics apart.
+
+        Raises:
+            FileFormatError: it is not in there.
+        """
+        for path, indices in self.files.items():
+            if index in indices:
+                names = [name for name in pq.read_schema(path).names if not name.startswith("stats/")]
+                wanted = [("episode_index", "==", index)]
+                return pq.read_table(path, columns=names, filters=wanted, partitioning=None).to_pylist()[0]
+        raise FileFormatError(f"{self.root / 'meta' / 'episodes'}: episode {index} is not listed.")
 
     def iterate(self) -> Iterator[Episode]:
         """The episodes in order, one at a time, cut where ``episode_index`` changes.
@@ -78,24 +87,20 @@ class DatasetReader:
         names = [name for name in self.features if name not in self.cameras]
         held: dict[str, list[np.ndarray]] | None = None
         current: int | None = None
+        about = _Cursor(self.about)
         for batch in self._batches(names):
             index = batch["episode_index"][:, 0]
             cuts = np.flatnonzero(np.diff(index)) + 1
             for start, stop in zip([0, *cuts], [*cuts, len(index)], strict=True):
                 if current is not None and index[start] != current:
-                    yield self._episode(current, held)
+                    yield _episode(current, held, about)
                     held = None
                 current = int(index[start])
                 held = held or {name: [] for name in names}
                 for name in names:
                     held[name].append(batch[name][start:stop])
         if current is not None:
-            yield self._episode(current, held)
-
-    def _episode(self, index: int, held: dict[str, list[np.ndarray]] | None) -> Episode:
-        rows = {name: np.concatenate(parts) for name, parts in (held or {}).items()}
-        about = self.about[index] if self.about is not None and 0 <= index < len(self.about) else {}
-        return Episode(index, rows, about)
+            yield _episode(current, held, about)
 
     def _batches(self, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
         for path in sorted((self.root / "data").glob("chunk-*/file-*.parquet")):
@@ -111,16 +116,38 @@ class DatasetReader:
                     raise
                 raise FileFormatError(f"{path}: not a readable Parquet file ({error}).") from error
 
-    def _read_episodes(self) -> list[dict[str, Any]]:
-        found: list[dict[str, Any]] = []
+    def _read_lengths(self) -> tuple[dict[Path, np.ndarray], np.ndarray]:
+        """The indices in each file of ``meta/episodes``; and the lengths in the order of the episodes."""
+        files: dict[Path, np.ndarray] = {}
+        lengths = [np.zeros(0, dtype=np.int64)]
         for path in sorted((self.root / "meta" / "episodes").glob("chunk-*/file-*.parquet")):
             try:
-                schema = pq.read_schema(path)
-                names = [name for name in schema.names if not name.startswith("stats/")]
-                found += pq.read_table(path, columns=names, partitioning=None).to_pylist()
+                table = pq.read_table(path, columns=["episode_index", "length"], partitioning=None)
             except (pa.ArrowException, OSError) as error:
                 raise FileFormatError(f"{path}: not a readable Parquet file ({error}).") from error
-        return sorted(found, key=lambda episode: episode["episode_index"])
+            files[path] = table.column("episode_index").to_numpy()
+            lengths.append(table.column("length").to_numpy())
+        order = np.argsort(np.concatenate([np.zeros(0, dtype=np.int64), *files.values()]), kind="stable")
+        return files, np.concatenate(lengths)[order]
+
+
+class _Cursor:
+    """Goes through ``EpisodeRows`` along with the episodes."""
+
+    def __init__(self, rows: EpisodeRows | None) -> None:
+        self.rows = iter(rows) if rows is not None else iter(())
+        self.row: dict[str, Any] = {"episode_index": -1}
+
+    def at(self, index: int) -> dict[str, Any]:
+        """The row of an episode after those asked for before; empty where there is none."""
+        while self.row and self.row["episode_index"] < index:
+            self.row = next(self.rows, {})
+        return self.row if self.row and self.row["episode_index"] == index else {}
+
+
+def _episode(index: int, held: dict[str, list[np.ndarray]] | None, about: _Cursor) -> Episode:
+    rows = {name: np.concatenate(parts) for name, parts in (held or {}).items()}
+    return Episode(index, rows, about.at(index))
 
 
 def _read_json(path: Path) -> dict[str, Any]:

@@ -7,6 +7,7 @@ encoded length is compared with its rows.
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 from collections.abc import Iterable
@@ -84,9 +85,12 @@ class DatasetRecorder:
         quiet_encoders()
         from datasets.utils import disable_progress_bars
         from lerobot.configs import RGBEncoderConfig
+        from lerobot.datasets import dataset_writer
         from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
         disable_progress_bars()  # one an episode, for milliseconds
+        dataset_writer.embed_images = embed_at_once
+        gc.freeze()  # what the libraries have loaded stays; without this it is walked through again every few episodes
         if root.exists():
             raise InputError("--root", str(root), "a folder that does not exist", "Give another, or delete it.")
         self.layout = layout
@@ -182,6 +186,26 @@ class DatasetRecorder:
         else:
             self.dataset.clear_episode_buffer()
             self.dataset.finalize()
+
+
+def embed_at_once(dataset: Any) -> Any:
+    """What LeRobot's ``embed_images`` does, the whole episode in one call and nothing where there are no pictures.
+
+    LeRobot goes row by row, which takes longer than encoding a small video.
+
+    Args:
+        dataset: Hugging Face dataset of one episode, whose pictures are files.
+
+    Returns:
+        The same with the files' bytes in it.
+    """
+    from datasets import Dataset, Image
+    from datasets.table import embed_table_storage
+
+    if not any(isinstance(feature, Image) for feature in dataset.features.values()):
+        return dataset
+    table = embed_table_storage(dataset.with_format("arrow")[:])
+    return Dataset(table, info=dataset.info, split=dataset.split, fingerprint=dataset._fingerprint)
 
 
 def quiet_encoders() -> None:

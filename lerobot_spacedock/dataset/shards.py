@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import shutil
+import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -32,10 +34,12 @@ class ShardSummary:
     Attributes:
         rows: of ``provenance.EPISODES_FILE``, one an episode written.
         left_out: (episode, reason) of each that could not be read.
+        resized: how many episodes had stored pictures of another size, by "height × width → height × width".
     """
 
     rows: list[dict]
     left_out: list[tuple[str, str]]
+    resized: dict[str, int] = field(default_factory=dict)
 
     @property
     def frames(self) -> int:
@@ -49,7 +53,7 @@ def finished(job: Job, index: int) -> bool:
 
 def read_summary(job: Job, index: int) -> ShardSummary:
     content = json.loads((job.shard(index) / SUMMARY_FILE).read_text())
-    return ShardSummary(content["rows"], [tuple(pair) for pair in content["left_out"]])
+    return ShardSummary(content["rows"], [tuple(pair) for pair in content["left_out"]], content["resized"])
 
 
 def write_shard(root: Path | str, index: int, *, encoder_threads: int | None = None) -> ShardSummary:
@@ -67,7 +71,8 @@ def write_shard(root: Path | str, index: int, *, encoder_threads: int | None = N
     if finished(job, index):
         return read_summary(job, index)
     plan = Plan.read(job.plan_path)
-    aside = job.shards / f".shard_{index:06d}"
+    # a name of its own: a worker that was given up may still be writing the same shard
+    aside = job.shards / f".shard_{index:06d}.{platform.node()}.{os.getpid()}"
     shutil.rmtree(aside, ignore_errors=True)
     artist = _LazyArtist(plan.drawing)
     try:
@@ -79,9 +84,21 @@ def write_shard(root: Path | str, index: int, *, encoder_threads: int | None = N
     finally:
         artist.close()
     aside.mkdir(exist_ok=True)
-    write_json(aside / SUMMARY_FILE, {"rows": summary.rows, "left_out": summary.left_out})
-    os.rename(aside, job.shard(index))
+    write_json(aside / SUMMARY_FILE, asdict(summary))
+    try:
+        os.rename(aside, job.shard(index))
+    except OSError:
+        shutil.rmtree(aside, ignore_errors=True)
+        if not finished(job, index):
+            raise
+        return read_summary(job, index)  # another worker was first
     return summary
+
+
+def remove_stale(job: Job) -> None:
+    """Removes what killed workers left behind; while none is at work."""
+    for aside in job.shards.glob(".shard_*"):
+        shutil.rmtree(aside, ignore_errors=True)
 
 
 class _LazyArtist:
@@ -112,6 +129,7 @@ def _write(
     segment = Segment.parse(plan.segment)
     rows: list[dict] = []
     left_out: list[tuple[str, str]] = []
+    changed: dict[str, int] = {}
     recorder: DatasetRecorder | None = None
     for ref in refs:
         try:
@@ -119,8 +137,12 @@ def _write(
             parts = pieces(episode.log, segment, repeat_terminal=plan.repeat_terminal)
             for number, (first, part) in enumerate(parts):
                 recorder = recorder or DatasetRecorder(aside, plan.layout, encoder_threads=encoder_threads)
-                frames = _frames(plan, episode, first, part, artist, progress)
+                sizes: set[tuple[int, int]] = set()
+                frames = _frames(plan, episode, first, part, artist, progress, sizes)
                 recorder.add_episode(part, frames)
+                for height, width in sizes:
+                    change = f"{height} × {width} → {plan.layout.height} × {plan.layout.width}"
+                    changed[change] = changed.get(change, 0) + 1
                 rows.append(episode_row(part, source=ref.label, repeat=number))
         except (FileFormatError, InputError) as error:
             if not plan.skip_bad:
@@ -133,18 +155,24 @@ def _write(
             left_out.append((ref.name, str(error)))
     if recorder is not None:
         recorder.close()
-    return ShardSummary(rows, left_out)
+    return ShardSummary(rows, left_out, changed)
 
 
 def _frames(
-    plan: Plan, episode: LoadedEpisode, first: int, part: EpisodeLog, artist: _LazyArtist, progress: BinaryIO
+    plan: Plan,
+    episode: LoadedEpisode,
+    first: int,
+    part: EpisodeLog,
+    artist: _LazyArtist,
+    progress: BinaryIO,
+    sizes: set[tuple[int, int]],
 ) -> Iterator[np.ndarray] | None:
     if not plan.layout.image:
         progress.write(b"\0" * part.num_steps)
         return None
     if episode.frames is None or plan.redraw:
         return _counted(artist.draw(episode.log, first), progress)
-    return _counted(resized(episode.frames(first), plan.layout.height, plan.layout.width), progress)
+    return _counted(resized(episode.frames(first), plan.layout.height, plan.layout.width, sizes), progress)
 
 
 def _counted(frames: Iterator[np.ndarray], progress: BinaryIO) -> Iterator[np.ndarray]:
@@ -152,3 +180,7 @@ def _counted(frames: Iterator[np.ndarray], progress: BinaryIO) -> Iterator[np.nd
     for frame in frames:
         progress.write(b"\0")
         yield frame
+
+
+if __name__ == "__main__":
+    write_shard(sys.argv[1], int(sys.argv[2]), encoder_threads=int(sys.argv[3]))

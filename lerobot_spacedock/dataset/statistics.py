@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 HISTOGRAM_BINS = 1 << 16
 BATCH_ROWS = 8192
+EPISODES_AT_ONCE = 256
 
 
 def vector_statistics(values: np.ndarray) -> dict[str, np.ndarray]:
@@ -140,22 +141,28 @@ def repair_statistics(root: Path | str) -> dict[str, dict[str, np.ndarray]]:
 def _repair_episode_statistics(root: Path, names: list[str]) -> None:
     rows = _episode_rows(root, names)
     for path in sorted((root / "meta" / "episodes").glob("chunk-*/file-*.parquet")):
-        table = pq.read_table(path)
-        per_episode = []
-        for length in table.column("length").to_pylist():
-            per_episode.append({name: vector_statistics(v) for name, v in next_rows(rows, length).items()})
-        for name in names:
-            for key in ("min", "max", "mean", "std", "count", *QUANTILES):
-                column = f"stats/{name}/{key}"
-                if column not in table.column_names:
-                    continue
-                index = table.column_names.index(column)
-                kind = table.schema.field(column).type
-                values = pa.array([stats[name][key].tolist() for stats in per_episode], kind)
-                table = table.set_column(index, column, values)
         aside = path.with_suffix(".tmp")
-        pq.write_table(table, aside, compression="snappy", use_dictionary=True)
+        with pq.ParquetFile(path) as file, pq.ParquetWriter(aside, file.schema_arrow, compression="snappy") as writer:
+            for batch in file.iter_batches(batch_size=EPISODES_AT_ONCE):
+                writer.write_table(_with_statistics(pa.Table.from_batches([batch]), rows, names))
         os.replace(aside, path)
+
+
+def _with_statistics(table: pa.Table, rows: _episode_rows, names: list[str]) -> pa.Table:
+    """The metadata of some episodes with their ``stats/…`` columns replaced; takes their rows off the buffer."""
+    per_episode = [
+        {name: vector_statistics(values) for name, values in next_rows(rows, length).items()}
+        for length in table.column("length").to_pylist()
+    ]
+    for name in names:
+        for key in ("min", "max", "mean", "std", "count", *QUANTILES):
+            column = f"stats/{name}/{key}"
+            if column not in table.column_names:
+                continue
+            field = table.schema.field(column)
+            values = pa.array([stats[name][key].tolist() for stats in per_episode], field.type)
+            table = table.set_column(table.column_names.index(column), field, values)
+    return table
 
 
 class _episode_rows:

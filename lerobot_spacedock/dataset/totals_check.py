@@ -48,10 +48,10 @@ def check_totals(reader: DatasetReader, totals: Totals, report: Report) -> None:
     for name, found in (("total_episodes", report.episodes), ("total_frames", report.frames)):
         if reader.info.get(name) != found:
             report.errors.append(f"meta/info.json: {name} is {reader.info.get(name)}, the data hold {found}.")
-    if len(reader.episodes) != report.episodes:
-        report.errors.append(f"meta/episodes: {len(reader.episodes)} episodes, the data hold {report.episodes}.")
-    if sum(reader.lengths) != report.frames:
-        report.errors.append(f"meta/episodes: {sum(reader.lengths)} frames, the data hold {report.frames}.")
+    if len(reader.lengths) != report.episodes:
+        report.errors.append(f"meta/episodes: {len(reader.lengths)} episodes, the data hold {report.episodes}.")
+    if reader.lengths.sum() != report.frames:
+        report.errors.append(f"meta/episodes: {reader.lengths.sum()} frames, the data hold {report.frames}.")
     if reader.about is not None and len(reader.about) != report.episodes:
         report.errors.append(
             f"meta/spacedock_episodes.parquet: {len(reader.about)} rows for {report.episodes} episodes."
@@ -60,8 +60,8 @@ def check_totals(reader: DatasetReader, totals: Totals, report: Report) -> None:
         report.notes.append(
             "no provenance (meta/spacedock_episodes.parquet): the last step of each episode is unchecked."
         )
-    lengths = np.array(reader.lengths or [0])
-    median = float(np.median(lengths))
+    lengths = reader.lengths
+    median = float(np.median(lengths)) if lengths.size else 0.0
     odd = np.flatnonzero((lengths < 0.3 * median) | (lengths > 3.0 * median))
     whole = reader.facts.get("segment", "all") == "all"
     if odd.size and whole:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
@@ -12,7 +13,7 @@ from multiprocessing import get_context
 from tqdm import tqdm
 
 from lerobot_spacedock.dataset.job import Job, Plan
-from lerobot_spacedock.dataset.shards import finished, read_summary, write_shard
+from lerobot_spacedock.dataset.shards import finished, read_summary, remove_stale, write_shard
 from lerobot_spacedock.errors import SpaceDockError
 
 POLL_s = 0.3
@@ -40,41 +41,56 @@ def run_shards(job: Job, *, num_workers: int, total_frames: int | None) -> None:
     already = sum(read_summary(job, i).frames for i in range(plan.num_shards) if finished(job, i))
     for stale in job.progress.iterdir():
         stale.unlink()
+    remove_stale(job)
     with tqdm(total=total_frames, initial=already, unit="frame", desc="Writing frames", smoothing=0.1) as bar:
         if workers == 1:
             for index in indices:
                 write_shard(job.root, index)
                 _show(bar, job, already)
         else:
-            _run_processes(job, indices, workers, lambda: _show(bar, job, already))
+            task = functools.partial(write_shard, job.root)
+            run_processes(task, indices, workers, lambda: _show(bar, job, already))
         _show(bar, job, already)
 
 
-def _run_processes(job: Job, indices: list[int], workers: int, show) -> None:
+def run_processes(
+    task: Callable[..., object], items: list[int], workers: int, show: Callable[[], None] = lambda: None
+) -> None:
+    """Calls ``task(item, encoder_threads=…)`` for each item in processes.
+
+    Args:
+        task: picklable.
+        items: what it is called with.
+        workers: how many processes.
+        show: called now and then, and after each item.
+
+    Raises:
+        SpaceDockError: a process was killed. What a task raises is raised here.
+    """
     threads = max(1, available_cores() // workers)
     with _threads_a_process(threads):
         pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
         try:
-            waiting = {pool.submit(write_shard, job.root, i, encoder_threads=threads): i for i in indices}
+            waiting = {pool.submit(task, item, encoder_threads=threads) for item in items}
             while waiting:
                 done, _ = wait(waiting, timeout=POLL_s, return_when=FIRST_COMPLETED)
                 show()
                 for future in done:
-                    waiting.pop(future)
-                    _raise_of(future, job)
+                    waiting.remove(future)
+                    _raise_of(future)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
         pool.shutdown()
 
 
-def _raise_of(future: Future, job: Job) -> None:
+def _raise_of(future: Future) -> None:
     try:
         future.result()
     except BrokenProcessPool as error:
         raise SpaceDockError(
-            "A worker process was ended from outside (killed, or out of memory). What is finished is kept in "
-            f"{job.folder}; run the same command again to go on, with fewer --num_workers if memory was short."
+            "A worker process was ended from outside (killed, or out of memory). What is finished is kept: run the "
+            "same command again to go on, with fewer --num_workers if memory was short."
         ) from error
 
 

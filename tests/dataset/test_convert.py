@@ -250,8 +250,8 @@ def test_select_keeps_the_best_by_the_stated_rule(flights, log_folder, tmp_path)
 def test_segments_and_their_repeats(flights, log_folder, tmp_path):
     run(log_folder, tmp_path / "d", images="none", segment="last:10m", repeat_terminal=2)
     reader = DatasetReader(tmp_path / "d")
-    assert len(reader.episodes) == 3 * len(flights)
-    assert [row["repeat"] for row in reader.about[:3]] == [0, 1, 2]
+    assert len(reader.lengths) == 3 * len(flights)
+    assert reader.about.column("repeat")[:3].tolist() == [0, 1, 2]
     assert reader.lengths[0] == flights[0].num_steps
     assert reader.lengths[1] == reader.lengths[2] < reader.lengths[0]
     assert check_dataset(tmp_path / "d").errors == []

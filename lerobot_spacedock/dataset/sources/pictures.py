@@ -27,13 +27,21 @@ def read_picture(file: Path) -> np.ndarray:
         raise FileFormatError(f"{file}: not a readable picture ({error}).") from error
 
 
-def resized(frames: Iterable[np.ndarray], height: int, width: int) -> Iterator[np.ndarray]:
-    """The frames at another size, by area averaging where they shrink; untouched where it is theirs already."""
+def resized(frames: Iterable[np.ndarray], height: int, width: int, sizes: set[tuple[int, int]]) -> Iterator[np.ndarray]:
+    """The frames at another size, by area averaging where they shrink; untouched where it is theirs already.
+
+    Args:
+        frames: uint8 (h, w, 3).
+        height: pixels.
+        width: pixels.
+        sizes: takes up the (h, w) that were changed.
+    """
     for frame in frames:
         if frame.shape[:2] == (height, width):
             yield frame
             continue
         import cv2
 
+        sizes.add(frame.shape[:2])
         shrinks = frame.shape[0] >= height and frame.shape[1] >= width
         yield cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC)
