@@ -1,9 +1,10 @@
-"""Time and peak memory of reading episode logs into a report's columns, over the number of episodes.
+"""Time and peak memory of a report over the number of episodes: reading the logs alone, and the whole command.
 
     python benchmarks/report.py --episodes 100 1000 10000
 
-Logs are written to a temporary folder first (65 steps each, not timed). The floor in the last column is reading the
-same Parquet files without computing anything.
+Logs are written to a temporary folder first (65 steps each, not timed). ``--part read`` measures reading them into
+columns; the floor in its last column is reading the same Parquet files without computing anything. ``--part report``
+measures ``spacedock report`` from its start to its end: tables, bootstrap, figures, page.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 STEPS = 65
-MEASURE = """
+READ = """
 import resource, sys, time
 from pathlib import Path
 from lerobot_spacedock.metrics.collect import collect
@@ -34,6 +35,24 @@ if __name__ == "__main__":
     cpu = own.ru_utime + own.ru_stime + workers.ru_utime + workers.ru_stime
     print(seconds, cpu, own.ru_maxrss / 1024, workers.ru_maxrss / 1024)
 """
+
+
+REPORT = """
+import resource, sys, time
+start = time.perf_counter()
+from lerobot_spacedock.cli import main
+if __name__ == "__main__":
+    assert main(["report", "--runs", "A=" + sys.argv[1], "--out=" + sys.argv[3]]) == 0
+    seconds = time.perf_counter() - start
+    own, workers = resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = own.ru_utime + own.ru_stime + workers.ru_utime + workers.ru_stime
+    print()
+    print(seconds, cpu, own.ru_maxrss / 1024, workers.ru_maxrss / 1024)
+"""
+HEADS = {
+    "read": ("episodes", "s", "CPU s, imports in it", "peak memory, MB", "of a worker, MB", "Parquet alone, s"),
+    "report": ("episodes", "s", "CPU s", "peak memory, MB", "of a worker, MB"),
+}
 
 
 def write_logs(folder: Path, count: int) -> None:
@@ -66,22 +85,28 @@ def floor_seconds(files: list[Path]) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, nargs="+", default=[100, 1000, 10_000])
-    counts = sorted(parser.parse_args().episodes)
+    parser.add_argument("--part", choices=("read", "report"), default="read")
+    parser.add_argument("--keep", type=Path, help="write the logs here, and find them here the next time")
+    options = parser.parse_args()
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    print("| episodes | s | CPU s, imports in it | peak memory, MB | of a worker, MB | Parquet alone, one process, s |")
-    print("|--:|--:|--:|--:|--:|--:|")
+    head = HEADS[options.part]
     with tempfile.TemporaryDirectory() as name:
-        folder, script = Path(name) / "logs", Path(name) / "measure.py"
-        write_logs(folder, counts[-1])
-        script.write_text(MEASURE)
-        for count in counts:
-            command = [sys.executable, str(script), str(folder), str(count)]
+        script = Path(name) / "measure.py"
+        script.write_text(READ if options.part == "read" else REPORT)
+        print("| " + " | ".join(head) + " |\n|" + "--:|" * len(head), flush=True)
+        for count in sorted(options.episodes):
+            folder = (options.keep or Path(name)) / f"logs_{count}"
+            if not folder.is_dir():
+                write_logs(folder, count)
+            command = [sys.executable, str(script), str(folder), str(count), str(Path(name) / "out")]
             done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-            seconds, cpu, own, worker = map(float, done.stdout.split())
-            floor = floor_seconds(sorted(folder.glob("*.parquet"))[:count])
-            print(f"| {count:,} | {seconds:.1f} | {cpu:.1f} | {own:.0f} | {worker:.0f} | {floor:.1f} |")
+            seconds, cpu, own, worker = map(float, done.stdout.split("\n")[-2].split())
+            cells = [f"{count:,}", f"{seconds:.1f}", f"{cpu:.1f}", f"{own:.0f}", f"{worker:.0f}"]
+            if options.part == "read":
+                cells.append(f"{floor_seconds(sorted(folder.glob('*.parquet'))):.1f}")
+            print("| " + " | ".join(cells) + " |", flush=True)
 
 
 if __name__ == "__main__":

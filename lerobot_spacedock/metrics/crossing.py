@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lerobot_spacedock.metrics.lengths import lengths
 from lerobot_spacedock.physics.contact import Port
 from lerobot_spacedock.physics.frames import MASS, POSITION, QUATERNION, RATE, VELOCITY
 
@@ -70,19 +71,19 @@ def _first_root(y0: float, y1: float, slope0: float, slope1: float) -> float:
 
 def closest_approach(position: np.ndarray) -> float:
     """Least distance from the port along the path, straight between states. m, (K+1, 3) → m."""
-    nearest = float(np.linalg.norm(position, axis=1).min())
+    nearest = float(lengths(position).min())
     if len(position) < 2:
         return nearest
     leg = np.diff(position, axis=0)
     length2 = np.einsum("ij,ij->i", leg, leg)
     along = -np.einsum("ij,ij->i", position[:-1], leg)
     s = np.clip(np.divide(along, length2, out=np.zeros_like(along), where=length2 > 0.0), 0.0, 1.0)
-    return min(nearest, float(np.linalg.norm(position[:-1] + s[:, None] * leg, axis=1).min()))
+    return min(nearest, float(lengths(position[:-1] + s[:, None] * leg).min()))
 
 
 def range_rate(position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Range in m and its rate in m/s (negative: closing); at the port itself the rate is −speed. (K, 3) → (K,)."""
-    distance = np.linalg.norm(position, axis=1)
+    distance = lengths(position)
     safe = np.where(distance > 0.0, distance, 1.0)
     rate = np.einsum("ij,ij->i", position, velocity) / safe
-    return distance, np.where(distance > 0.0, rate, -np.linalg.norm(velocity, axis=1))
+    return distance, np.where(distance > 0.0, rate, -lengths(velocity))

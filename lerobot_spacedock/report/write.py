@@ -85,11 +85,25 @@ def write_report(study: Study, cfg: ReportConfig) -> Path:
         "tables": {table.key: to_json(table) for table in tables},
         "errata": [dict(zip(("subject", "paper", "finding"), row, strict=True)) for row in ERRATA],
     }
-    text = json.dumps(numbers, indent=1, ensure_ascii=False, allow_nan=False)
-    (out / "report.json").write_text(text + "\n", encoding="utf-8")
+    (out / "report.json").write_text(_lines(numbers), encoding="utf-8")
     page = out / "index.html"
     page.write_text(render_page(study, cfg.title, tables, [(f, panel_svgs(f)) for f in figures]), encoding="utf-8")
     return page
+
+
+def _lines(numbers: dict[str, Any], depth: int = 6) -> str:
+    """JSON with a line an entry down to ``depth``: ``indent`` would give each of a million numbers its own, slowly."""
+
+    def text(value: Any, level: int) -> str:
+        if level == depth or not isinstance(value, dict | list) or not value:
+            return json.dumps(value, ensure_ascii=False, allow_nan=False)
+        pad = "\n" + " " * (level + 1)
+        if isinstance(value, list):
+            return f"[{pad}" + f",{pad}".join(text(item, level + 1) for item in value) + f"{pad[:-1]}]"
+        items = (f"{json.dumps(str(key), ensure_ascii=False)}: {text(item, level + 1)}" for key, item in value.items())
+        return f"{{{pad}" + f",{pad}".join(items) + f"{pad[:-1]}}}"
+
+    return text(numbers, 0) + "\n"
 
 
 def _run_json(study: Study, run) -> dict[str, Any]:
