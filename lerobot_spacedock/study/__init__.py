@@ -1,0 +1,1 @@
+"""Sweeps: demonstrations, stock ACT, held-out episodes, over a grid of settings; see ``docs/results.md``."""

@@ -1,0 +1,122 @@
+"""What a sweep varies, and how each of its trials is judged."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from typing import Any
+
+from lerobot_spacedock.env.registration import ENV_IDS
+from lerobot_spacedock.env.scenario_config import get_initial_conditions
+from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.study.demonstrations import FIRST_SEED, KINDS
+
+SAMPLERS = ("grid", "tpe")
+# the axes of a sweep, slowest first: fields of SweepConfig that hold a list, and what a trial calls one value of them
+AXES = {
+    "seeds": "seed",
+    "demonstrations": "demonstrations",
+    "num_demonstrations": "num_demonstrations",
+    "steps": "steps",
+    "batch_sizes": "batch_size",
+    "learning_rates": "lr",
+    "dropouts": "dropout",
+    "dim_models": "dim_model",
+    "vae": "use_vae",
+    "chunk_sizes": "chunk_size",
+}
+
+
+@dataclass
+class SweepConfig:
+    """Stock ACT from the state over a grid of settings, judged on held-out episodes; resumable by the same command."""
+
+    # name of the study: one a set of axes
+    name: str
+    # demonstrations, one file a trial, and the journal go here
+    output_dir: str = "outputs/study"
+    # shared by all machines: a journal file, or an SQLAlchemy URL; by default OUTPUT_DIR/NAME.journal
+    storage: str | None = None
+    # every finished trial of the study, for git; by default results/sweep_NAME.json
+    results: str | None = None
+    # grid: every combination once; tpe: num_trials of them, chosen by Optuna for docked share and smoothness
+    sampler: str = "grid"
+    # how many trials tpe makes
+    num_trials: int = 50
+
+    # axis: training seed; each flies demonstrations of its own
+    seeds: list[int] = field(default_factory=lambda: [0])
+    # axis: kinds of demonstrations, the keys of study/demonstrations.py's KINDS
+    demonstrations: list[str] = field(default_factory=lambda: ["kicked"])
+    # axis: how many of them
+    num_demonstrations: list[int] = field(default_factory=lambda: [100])
+    # axis: training steps
+    steps: list[int] = field(default_factory=lambda: [2000])
+    # axis: frames a step
+    batch_sizes: list[int] = field(default_factory=lambda: [32])
+    # axis: peak learning rate of AdamW
+    learning_rates: list[float] = field(default_factory=lambda: [5e-4])
+    # axis: dropout of ACT
+    dropouts: list[float] = field(default_factory=lambda: [0.0])
+    # axis: width of ACT
+    dim_models: list[int] = field(default_factory=lambda: [96])
+    # axis: with or without ACT's variational objective
+    vae: list[bool] = field(default_factory=lambda: [False])
+    # axis: actions predicted at once
+    chunk_sizes: list[int] = field(default_factory=lambda: [5])
+
+    # temporal ensembling of LeRobot (positive: old predictions weigh more); all of them share one training
+    coefficients: list[float] = field(default_factory=lambda: [0.01])
+    # fly the first action of each new chunk too, without ensembling
+    newest: bool = False
+    # where a student is judged: ENV_ID/STARTS
+    tasks: list[str] = field(
+        default_factory=lambda: [
+            "SpaceDockContact-v0/same",
+            "SpaceDockContact-v0/random",
+            "SpaceDockContact-v0/same_dispersed",
+            "SpaceDock-v0/same",
+        ]
+    )
+    # episodes of each task
+    episodes: int = 100
+    # seed of the first; validation, apart from the demonstrations and from lerobot-eval's 1000
+    evaluation_seed: int = 900_000
+
+    def __post_init__(self) -> None:
+        if self.sampler not in SAMPLERS:
+            raise InputError("--sampler", self.sampler, " | ".join(SAMPLERS))
+        for kind in self.demonstrations:
+            if kind not in KINDS:
+                raise InputError("--demonstrations", kind, " | ".join(KINDS))
+        for name in AXES:
+            if not getattr(self, name):
+                raise InputError(f"--{name}", [], "one value or more")
+        for task in self.tasks:
+            env_id, _, starts = task.partition("/")
+            if env_id not in ENV_IDS or ENV_IDS[env_id].get("withhold_pose"):
+                raise InputError("--tasks", task, "ENV_ID/STARTS, such as SpaceDockContact-v0/same")
+            get_initial_conditions(starts)
+        for coefficient in self.coefficients:
+            if abs(coefficient) * (max(self.chunk_sizes) - 1) > 88.0:
+                raise InputError(
+                    "--coefficients", coefficient, "|coefficient| * (chunk - 1) ≤ 88", "float32 overflows."
+                )
+        if not self.coefficients and not self.newest:
+            raise InputError("--coefficients", [], "one value or more, or --newest")
+        if self.evaluation_seed + self.episodes > FIRST_SEED and self.evaluation_seed < FIRST_SEED + 400_000:
+            raise InputError("--evaluation_seed", self.evaluation_seed, "seeds that no demonstration has")
+
+    def axes(self) -> dict[str, list[Any]]:
+        """The values of each axis, under a trial's names, slowest first."""
+        return {short: list(getattr(self, name)) for name, short in AXES.items()}
+
+    def points(self) -> list[dict[str, Any]]:
+        """Every combination of the axes, in the order in which they are run."""
+        axes = self.axes()
+        return [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
+
+    @property
+    def weightings(self) -> list[float | None]:
+        """Coefficients; None is the newest chunk alone."""
+        return ([None] if self.newest else []) + list(self.coefficients)

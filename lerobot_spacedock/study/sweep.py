@@ -1,0 +1,161 @@
+"""``spacedock sweep``: trials from a storage that many machines share, and that outlives each of them.
+
+Optuna keeps the list: a journal file on a disk that all of them see, or a database. Every process takes the next trial
+that nobody has taken; one that was killed leaves a trial behind that the next start on its machine takes up again.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+from pathlib import Path
+from typing import Any
+
+import torch
+from tqdm import tqdm
+
+from lerobot_spacedock.errors import InputError, MissingDependencyError
+from lerobot_spacedock.study.config import SweepConfig
+from lerobot_spacedock.study.trial import run_trial
+
+try:
+    import optuna
+    from optuna.storages import BaseStorage, JournalStorage, RDBStorage
+    from optuna.storages.journal import JournalFileBackend
+    from optuna.trial import TrialState
+except ImportError as error:
+    message = "spacedock sweep needs Optuna: pip install 'lerobot_env_spacedock[study]'."
+    raise MissingDependencyError(message) from error
+
+POINT, OWNER, RESULT = "point", "owner", "result"  # what each trial carries
+DIRECTIONS = ("maximize", "minimize")  # share of episodes in the IDSS box, smoothness
+
+
+def sweep(config: SweepConfig) -> int:
+    """Runs the verb; see the module."""
+    torch.set_num_threads(1)  # trials are small: spread processes over the cores, not threads
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    study = open_study(config)
+    requeue_abandoned(study)
+    if config.sampler == "grid":
+        for point in config.points():
+            _enqueue(study, point)
+    _work(study, config)
+    path = write_results(study, config)
+    finished = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+    print(f"Wrote {len(finished)} trials to {path}")
+    print(f"Next: spacedock sweep-figure --results={path}" if finished else "Next: the same command again")
+    return 0
+
+
+def open_study(config: SweepConfig) -> optuna.Study:
+    """The study of that name in its storage, made if it is not there.
+
+    Raises:
+        InputError: the study was made with other axes.
+    """
+    sampler = optuna.samplers.TPESampler(seed=0) if config.sampler == "tpe" else optuna.samplers.RandomSampler(seed=0)
+    study = optuna.create_study(
+        study_name=config.name,
+        storage=_storage(config),
+        sampler=sampler,
+        directions=DIRECTIONS,
+        load_if_exists=True,
+    )
+    settings = {name: getattr(config, name) for name in ("tasks", "episodes", "evaluation_seed")}
+    settings |= {"axes": config.axes(), "weightings": config.weightings}
+    known = study.user_attrs.get("settings")
+    if known is None:
+        study.set_user_attr("settings", settings)
+    elif known != json.loads(json.dumps(settings)):
+        raise InputError("--name", config.name, "a new name for other axes, coefficients or tasks", f"It has {known}.")
+    return study
+
+
+def _storage(config: SweepConfig) -> BaseStorage:
+    given = config.storage or str(Path(config.output_dir) / f"{config.name}.journal")
+    if "://" in given:
+        return RDBStorage(given)
+    Path(given).parent.mkdir(parents=True, exist_ok=True)
+    return JournalStorage(JournalFileBackend(given))
+
+
+def requeue_abandoned(study: optuna.Study) -> int:
+    """Puts the trials of processes of this machine that are no more back into the queue; returns how many."""
+    abandoned = [trial for trial in study.get_trials(states=(TrialState.RUNNING,)) if not _alive(trial.user_attrs)]
+    for trial in abandoned:
+        study.tell(trial.number, state=TrialState.FAIL)
+    for trial in abandoned:
+        if POINT in trial.user_attrs:
+            _enqueue(study, trial.user_attrs[POINT], again=True)
+    return len(abandoned)
+
+
+def _enqueue(study: optuna.Study, point: dict[str, Any], *, again: bool = False) -> None:
+    study.enqueue_trial(point, user_attrs={POINT: point}, skip_if_exists=not again)
+
+
+def _alive(attributes: dict[str, Any]) -> bool:
+    """Whether a trial's process still runs; on another machine it is taken to."""
+    host, pid = attributes.get(OWNER, (None, None))
+    return host != socket.gethostname() or Path(f"/proc/{pid}").exists()
+
+
+def _work(study: optuna.Study, config: SweepConfig) -> None:
+    axes = config.axes()
+    total = len(config.points()) if config.sampler == "grid" else config.num_trials
+    with tqdm(total=total, unit="trial", desc=config.name) as bar:
+        while True:
+            trials = study.get_trials(deepcopy=False)
+            bar.update(sum(trial.state.is_finished() and trial.state != TrialState.FAIL for trial in trials) - bar.n)
+            waiting = any(trial.state == TrialState.WAITING for trial in trials)
+            taken = sum(trial.state != TrialState.FAIL for trial in trials)
+            if not waiting and (config.sampler == "grid" or taken >= config.num_trials):
+                return
+            trial = study.ask()
+            trial.set_user_attr(OWNER, (socket.gethostname(), os.getpid()))
+            if config.sampler == "grid" and POINT not in trial.user_attrs:
+                study.tell(trial, state=TrialState.FAIL)  # another process took the last one first
+                continue
+            point = {name: trial.suggest_categorical(name, values) for name, values in axes.items()}
+            try:
+                result = run_trial(point, config)
+            except BaseException:
+                study.tell(trial, state=TrialState.FAIL)
+                _enqueue(study, point, again=True)
+                raise
+            trial.set_user_attr(RESULT, result)
+            study.tell(trial, _values(result, config))
+            write_results(study, config)
+
+
+def _values(result: dict[str, Any], config: SweepConfig) -> tuple[float, float]:
+    """Docked share and smoothness over the tasks with contact (over all, where there is none), at the best coefficient.
+
+    The best is the one that docks most often, the smoother of equals.
+    """
+    rows = [row for row in result["rows"] if "Contact" in row["task"] or "Meta" in row["task"]] or result["rows"]
+    scores = []
+    for coefficient in config.weightings:
+        own = [row for row in rows if row["coefficient"] == coefficient]
+        share = sum(row["idss"] for row in own) / sum(row["episodes"] for row in own)
+        scores.append((share, sum(row["smoothness"]["mean"] for row in own) / len(own)))
+    return max(scores, key=lambda score: (score[0], -score[1]))
+
+
+def write_results(study: optuna.Study, config: SweepConfig) -> Path:
+    """Writes every finished trial, in the order of the grid, aside and renamed. Returns the file."""
+    path = Path(config.results or f"results/sweep_{config.name}.json")
+    finished = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+    results = [trial.user_attrs[RESULT] for trial in finished]
+    if config.sampler == "grid":
+        points = config.points()
+        results.sort(key=lambda result: points.index(result["point"]))
+    lines = ",\n".join(json.dumps(result) for result in results)
+    head = json.dumps({"name": config.name, "episodes": config.episodes, "evaluation_seed": config.evaluation_seed})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    aside = path.with_suffix(".tmp")
+    aside.write_text(f'{head[:-1]}, "trials": [\n{lines}\n]}}\n', encoding="utf-8")
+    aside.rename(path)
+    return path

@@ -1,0 +1,155 @@
+"""The sweep itself: nothing run twice, nothing lost, and a kill costs one trial."""
+
+import dataclasses
+import json
+import os
+import socket
+from pathlib import Path
+
+import numpy as np
+import pytest
+from optuna.trial import TrialState
+
+from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.study import sweep as sweep_module
+from lerobot_spacedock.study.config import SweepConfig
+from lerobot_spacedock.study.figure import FigureConfig, frontier, read_trials, sweep_figure
+from lerobot_spacedock.study.sweep import OWNER, POINT, open_study, requeue_abandoned, sweep
+from lerobot_spacedock.study.trial import summary
+
+
+@pytest.fixture
+def config(tmp_path):
+    return SweepConfig(
+        name="little",
+        output_dir=str(tmp_path),
+        results=str(tmp_path / "little.json"),
+        seeds=[0, 1],
+        chunk_sizes=[5, 10],
+        coefficients=[-0.3, 0.01],
+        tasks=["SpaceDockContact-v0/same", "SpaceDock-v0/same"],
+    )
+
+
+def result_of(point, config):
+    """As ``run_trial`` gives it; distance grows with the chunk, and smoothness with minus the coefficient."""
+    rows = [
+        {
+            "task": task,
+            "coefficient": c,
+            "episodes": 100,
+            "idss": 100 - point["chunk_size"],
+            "distance_m": {"mean": 0.01 * point["chunk_size"] + 0.001 * point["seed"]},
+            "smoothness": {"mean": 1.5 - c, "std": 0.1},
+        }
+        for task in config.tasks
+        for c in config.weightings
+    ]
+    return {"point": point, "rows": rows}
+
+
+def test_a_sweep_runs_each_point_once_and_goes_on_after_a_failure(config, monkeypatch):
+    flown = []
+
+    def breaks_at_the_third(point, config):
+        flown.append((point["seed"], point["chunk_size"]))
+        if len(flown) == 3:
+            raise KeyboardInterrupt
+        return result_of(point, config)
+
+    monkeypatch.setattr(sweep_module, "run_trial", breaks_at_the_third)
+    with pytest.raises(KeyboardInterrupt):
+        sweep(config)
+    assert len(read_trials([Path(config.results)])) == 2  # what is finished is there already
+    assert sweep(config) == 0
+    assert sweep(config) == 0  # nothing left
+    assert flown == [(0, 5), (0, 10), (1, 5), (1, 5), (1, 10)] or flown == [(0, 5), (0, 10), (1, 5), (1, 10), (1, 5)]
+    found = [(t["point"]["seed"], t["point"]["chunk_size"]) for t in read_trials([Path(config.results)])]
+    assert found == [(0, 5), (0, 10), (1, 5), (1, 10)]  # in the order of the grid, whatever the order of the runs
+
+
+def test_trials_of_a_killed_process_are_taken_up_again_and_those_of_a_living_one_are_not(config):
+    study = open_study(config)
+    for point in config.points():
+        study.enqueue_trial(point, user_attrs={POINT: point})
+    killed, alive, elsewhere = study.ask(), study.ask(), study.ask()
+    killed.set_user_attr(OWNER, (socket.gethostname(), 2**22 + 1))  # beyond the kernel's greatest process id
+    alive.set_user_attr(OWNER, (socket.gethostname(), os.getpid()))
+    elsewhere.set_user_attr(OWNER, ("another-machine", 2**22 + 1))
+    assert requeue_abandoned(study) == 1
+    states = [trial.state for trial in study.get_trials()]
+    assert states.count(TrialState.RUNNING) == 2
+    assert states.count(TrialState.WAITING) == 2
+    waiting = [t.user_attrs[POINT] for t in study.get_trials() if t.state == TrialState.WAITING]
+    assert config.points()[killed.number] in waiting
+
+
+def test_a_search_stops_at_its_number_of_trials_and_finds_the_small_chunk(config, monkeypatch):
+    monkeypatch.setattr(sweep_module, "run_trial", result_of)
+    search = dataclasses.replace(config, name="search", sampler="tpe", num_trials=6)
+    sweep(search)
+    trials = open_study(search).get_trials()
+    assert len(trials) == 6
+    assert max(trial.values[0] for trial in trials) == pytest.approx(0.95)
+
+
+def test_a_study_keeps_its_axes(config, monkeypatch):
+    monkeypatch.setattr(sweep_module, "run_trial", result_of)
+    sweep(config)
+    with pytest.raises(InputError, match="new name"):
+        sweep(dataclasses.replace(config, chunk_sizes=[5, 20]))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("sampler", "guess"),
+        ("demonstrations", ["tidy"]),
+        ("chunk_sizes", []),
+        ("tasks", ["SpaceDockVision-v0/same"]),
+        ("coefficients", [-30.0]),
+        ("evaluation_seed", 500_050),
+    ],
+)
+def test_settings_that_cannot_be_are_refused_by_name(config, field, value):
+    with pytest.raises(InputError, match=f"--{field}"):
+        dataclasses.replace(config, **{field: value})
+
+
+def test_a_summary_counts_every_episode():
+    row = {
+        "crossed": True,
+        "final_speed_m_s": 0.07,
+        "closing_speed_m_s": 0.07,
+        "smoothness": 1.3,
+        "steps": 66,
+    }
+    episodes = [row | {"idss": i < 9, "final_distance_m": 0.01 * (i + 1)} for i in range(10)]
+    found = summary(episodes)
+    assert (found["idss"], found["episodes"], found["contact"]) == (9, 10, 10)
+    assert found["idss_interval"] == pytest.approx([0.5550, 0.9975], abs=1e-4)  # Clopper and Pearson, 9 of 10
+    assert found["distance_m"]["mean"] == pytest.approx(0.055)
+    assert found["distance_m"]["best"] == pytest.approx(0.01)
+
+
+def test_the_figure_has_a_curve_for_each_chunk_with_all_its_seeds(config, monkeypatch, tmp_path):
+    monkeypatch.setattr(sweep_module, "run_trial", result_of)
+    sweep(config)
+    curves = frontier(read_trials([Path(config.results)]), "SpaceDock-v0/same")
+    assert set(curves) == {("kicked", 5), ("kicked", 10)}
+    smoothness, distance = curves["kicked", 10][-0.3]
+    np.testing.assert_allclose(smoothness, [1.8, 1.8])
+    np.testing.assert_allclose(sorted(distance), [0.1, 0.101])
+    assert sweep_figure(FigureConfig(results=[config.results], out=str(tmp_path))) == 0
+    assert (tmp_path / "sweep_frontier.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(InputError, match="tidy"):
+        sweep_figure(FigureConfig(results=[config.results], out=str(tmp_path), demonstrations=["tidy"]))
+
+
+def test_a_file_that_is_no_result_is_named(tmp_path):
+    path = tmp_path / "other.json"
+    path.write_text(json.dumps([1, 2]))
+    with pytest.raises(FileFormatError, match=r"other\.json"):
+        read_trials([path])
+    with pytest.raises(InputError, match=r"missing\.json"):
+        read_trials([tmp_path / "missing.json"])
