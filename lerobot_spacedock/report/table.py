@@ -5,9 +5,12 @@ from __future__ import annotations
 import html
 import re
 from dataclasses import dataclass, field
+from textwrap import wrap
 from typing import Any
 
 DASH = "–"
+HEAD_CHARACTERS = 8  # a head in LaTeX is broken here, unless its column is wider anyway
+TEXT_CHARACTERS = 28  # and a cell here
 
 
 @dataclass(frozen=True)
@@ -103,16 +106,29 @@ def to_markdown(table: Table) -> str:
 
 
 def to_latex(table: Table) -> str:
-    """A ``booktabs`` table that compiles under pdfLaTeX."""
+    """A ``booktabs`` table that compiles under pdfLaTeX and is no wider than the line; needs ``graphicx`` for that.
+
+    Heads and long words are broken into lines; what is too wide even so is scaled down.
+    """
     spec = "l" * table.left + "r" * (len(table.head) - table.left)
-    body = "\n".join("  " + " & ".join(_tex(text_of(cell)) for cell in row) + r" \\" for row in table.rows)
+    texts = [[text_of(cell) for cell in row] for row in table.rows]
+    heads = []
+    for i, head in enumerate(table.head):
+        widest = max((min(len(row[i]), TEXT_CHARACTERS) for row in texts), default=0)
+        heads.append(_tex_lines(head, max(widest, HEAD_CHARACTERS), spec[i], "b"))
+    body = "\n".join(
+        "  " + " & ".join(_tex_lines(text, TEXT_CHARACTERS, spec[i], "t") for i, text in enumerate(row)) + r" \\"
+        for row in texts
+    )
     notes = "".join(f"\n  % {note}" for note in table.notes)
+    title = re.sub(r"^Table \d+\. ", "", table.title)  # LaTeX counts by itself
     return (
-        "\\begin{table}[t]\n  \\centering\n"
-        f"  \\caption{{{_tex(table.title)}}}\n  \\label{{tab:{table.key}}}\n"
+        "\\begin{table}[t]\n  \\centering\\footnotesize\\setlength{\\tabcolsep}{4pt}\n"
+        f"  \\caption{{{_tex(title)}}}\n  \\label{{tab:{table.key}}}\n"
+        "  \\resizebox{\\ifdim\\width>\\linewidth\\linewidth\\else\\width\\fi}{!}{%\n"
         f"  \\begin{{tabular}}{{{spec}}}\n  \\toprule\n"
-        f"  {' & '.join(_tex(head) for head in table.head)} \\\\\n  \\midrule\n{body}\n"
-        f"  \\bottomrule\n  \\end{{tabular}}{notes}\n\\end{{table}}\n"
+        f"  {' & '.join(heads)} \\\\\n  \\midrule\n{body}\n"
+        f"  \\bottomrule\n  \\end{{tabular}}}}{notes}\n\\end{{table}}\n"
     )
 
 
@@ -154,6 +170,7 @@ def _md(text: str) -> str:
 
 
 _TEX = {
+    "‖r_K‖": r"$\|r_K\|$", "‖v_K‖": r"$\|v_K\|$",
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "‖": r"$\|$", "−": r"$-$", "–": "--", "±": r"$\pm$",
     "Δ": r"$\Delta$", "°": r"$^\circ$", "·": r"$\cdot$", "≤": r"$\leq$", "≥": r"$\geq$", "<": r"$<$", ">": r"$>$",
@@ -161,6 +178,13 @@ _TEX = {
     "†": r"$\dagger$", "’": "'", "“": "``", "”": "''", "…": r"\ldots{}",
 }  # fmt: skip
 _TEX_PATTERN = re.compile("|".join(re.escape(key) for key in _TEX))
+
+
+def _tex_lines(text: str, width: int, align: str, anchor: str) -> str:
+    lines = [_tex(line) for line in wrap(text, width, break_long_words=False, break_on_hyphens=False)]
+    if len(lines) < 2:
+        return "".join(lines)
+    return f"\\begin{{tabular}}[{anchor}]{{@{{}}{align}@{{}}}}" + r" \\ ".join(lines) + "\\end{tabular}"
 
 
 def _tex(text: str) -> str:

@@ -23,7 +23,7 @@ from lerobot_spacedock.report.table import Table, to_json, to_latex, to_markdown
 if TYPE_CHECKING:
     from lerobot_spacedock.report.build import ReportConfig
 
-LATEX_HEAD = "% \\usepackage{booktabs} is all that these tables need\n\n"
+LATEX_HEAD = "% \\usepackage{booktabs,graphicx} is all that these tables need\n\n"
 
 
 def make_tables(study: Study, cfg: ReportConfig) -> list[Table]:
