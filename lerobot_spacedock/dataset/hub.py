@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import json
+import shutil
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -73,12 +76,31 @@ def upload_folder(
     Returns:
         Where it is.
     """
-    shared = {"repo_id": repo_id, "repo_type": repo_type, "folder_path": folder, "ignore_patterns": ignore}
+    shared = {"repo_id": repo_id, "repo_type": repo_type, "folder_path": folder, "ignore_patterns": list(ignore)}
     if large:
-        api.upload_large_folder(**shared, revision=branch, print_report=False)
+        _forget_other_places(api, folder, repo_id=repo_id, repo_type=repo_type, branch=branch)
+        with warnings.catch_warnings():  # newer libraries call it deprecated; the oldest that we allow has nothing else
+            warnings.simplefilter("ignore", FutureWarning)
+            api.upload_large_folder(**shared, revision=branch, print_report=False)
         return f"{api.endpoint}/{'' if repo_type == 'model' else repo_type + 's/'}{repo_id}"
     done = api.upload_folder(**shared, revision=branch, commit_message=message)
     return done.repo_url.url
+
+
+def _forget_other_places(api: Any, folder: Path, *, repo_id: str, repo_type: str, branch: str | None) -> None:
+    """Removes the record of a large upload unless it is of this very place.
+
+    The hub's library writes down which files it has committed but not where to: pushed elsewhere, or to a repository
+    that was deleted and made again, it would leave them out.
+    """
+    record, place_file = folder / ".cache" / "huggingface" / "upload", folder / ".cache" / "spacedock_push.json"
+    place = json.dumps([api.endpoint, repo_type, repo_id, branch or "main"])
+    arrived = set(api.list_repo_files(repo_id, repo_type=repo_type, revision=branch))
+    known = place_file.exists() and place_file.read_text() == place
+    if not known or not any((folder / path).is_file() for path in arrived - {"README.md"}):
+        shutil.rmtree(record, ignore_errors=True)
+    place_file.parent.mkdir(exist_ok=True)
+    place_file.write_text(place)
 
 
 def set_tag(api: Any, tag: str, *, repo_id: str, repo_type: str, branch: str | None) -> None:

@@ -132,6 +132,31 @@ def test_a_broken_dataset_is_not_pushed(hub, dataset, tmp_path):
     assert hub.requests == []
 
 
+def test_a_large_push_leaves_nothing_out_wherever_it_goes(hub, dataset):
+    """In several commits with a record on disk; the record of one place must not make another go without files."""
+    local = {str(p.relative_to(dataset)) for p in dataset.rglob("*") if p.is_file() and ".cache" not in p.parts}
+    for repo_id in (REPO, "test/elsewhere"):
+        push(PushConfig(repo_id, root=str(dataset), large="always"))
+        assert set(hub.repositories[("dataset", repo_id)].files("v3.0")) - {".gitattributes"} == local
+    hub.requests.clear()
+    push(PushConfig("test/elsewhere", root=str(dataset), large="always"))
+    assert not any("/blobs/" in request for request in hub.requests)
+    del hub.repositories[("dataset", "test/elsewhere")]
+    push(PushConfig("test/elsewhere", root=str(dataset), large="always"))
+    assert set(hub.repositories[("dataset", "test/elsewhere")].files("v3.0")) == local
+
+
+def test_a_large_push_goes_on_after_the_hub_failed(hub, dataset):
+    hub.fail = lambda method, path: 503 if "/commit/" in path and method == "POST" else None
+    with pytest.raises(HubError, match="run the same command again"):
+        send(dataset, large="always")
+    hub.fail = lambda method, path: None
+    hub.requests.clear()
+    send(dataset, large="always")
+    assert not any("/blobs/" in request for request in hub.requests), "what arrived is not sent again"
+    assert "meta/info.json" in hub.repositories[("dataset", REPO)].files("v3.0")
+
+
 def test_a_policy_goes_with_its_measured_results(hub, flights, log_folder, tmp_path):
     folder = tmp_path / "pretrained_model"
     folder.mkdir()

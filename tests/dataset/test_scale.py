@@ -1,6 +1,7 @@
 """Shards as tasks of a pipeline: whole or not there, skipped when finished, written again when their worker died."""
 
 import contextlib
+import json
 import os
 import signal
 import threading
@@ -12,9 +13,9 @@ import pytest
 
 from lerobot_spacedock.dataset.convert import ConvertConfig, _plan, convert
 from lerobot_spacedock.dataset.integrity import check_dataset
-from lerobot_spacedock.dataset.job import Job
+from lerobot_spacedock.dataset.job import Job, write_json
 from lerobot_spacedock.dataset.reader import DatasetReader
-from lerobot_spacedock.dataset.scale import ExecutorConfig, unfinished
+from lerobot_spacedock.dataset.scale import ExecutorConfig, Submitted, unfinished
 from lerobot_spacedock.dataset.shards import write_shard
 from lerobot_spacedock.errors import InputError, SpaceDockError
 
@@ -85,10 +86,10 @@ def test_ray_goes_on_when_a_worker_is_killed(log_folder, tmp_path, sign):
     pytest.importorskip("datatrove")
     killer = Killer(sign)
     killer.start()
-    convert(config(log_folder, tmp_path / "d", executor=ExecutorConfig("ray", mem_per_cpu_gb=1)))
+    convert(config(log_folder, tmp_path / "d", num_episodes=3, executor=ExecutorConfig("ray", mem_per_cpu_gb=1)))
     assert killer.killed
     assert check_dataset(tmp_path / "d").errors == []
-    assert len(DatasetReader(tmp_path / "d").lengths) == 5
+    assert len(DatasetReader(tmp_path / "d").lengths) == 3
 
 
 @pytest.mark.slow
@@ -113,8 +114,74 @@ def test_a_killed_process_leaves_a_job_that_goes_on(log_folder, tmp_path):
     assert check_dataset(tmp_path / "d").errors == []
 
 
+SBATCH = r"""#!/bin/bash
+# Runs a job array one task after the other, as a cluster of one slow node would, in a bare environment.
+for script; do :; done
+for flag; do case $flag in --export=ALL,*) offset=${flag#*RUN_OFFSET=};; esac; done
+last=$(sed -n 's/^#SBATCH --array=0-\([0-9]*\).*/\1/p' "$script")
+cp "$script" "$FAKE/script_$(ls "$FAKE" | wc -l)"
+for task in $(seq 0 "$last"); do
+  env -i HOME="$HOME" PATH="$FAKE:/usr/bin:/bin" SLURM_ARRAY_TASK_ID="$task" SLURM_NODELIST=node1 SLURM_JOB_ID=42 \
+    RUN_OFFSET="$offset" bash "$script" >> "$FAKE/output" 2>&1
+done
+echo "Submitted batch job 42"
+"""
+SRUN = '#!/bin/bash\nwhile [[ $1 == -* ]]; do [[ $1 == -n ]] && shift; shift; done\nexec "$@"\n'
+
+
+@pytest.mark.slow
+def test_what_is_given_to_slurm_runs(log_folder, tmp_path, monkeypatch, capsys):
+    """A stand-in for sbatch runs datatrove's script as it is: every shard is written, then the same command ends."""
+    pytest.importorskip("datatrove")
+    fake = tmp_path / "bin"
+    fake.mkdir()
+    stand_ins = {"sbatch": SBATCH, "srun": SRUN, "scontrol": "#!/bin/bash\necho node1\n", "squeue": "#!/bin/bash\n"}
+    for name, text in stand_ins.items():
+        (fake / name).write_text(text)
+        (fake / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{fake}:{os.environ['PATH']}")
+    monkeypatch.setenv("FAKE", str(fake))
+    wanted = config(log_folder, tmp_path / "d", num_episodes=2, executor=ExecutorConfig("slurm", partition="cpu"))
+    with pytest.raises(Submitted, match="2 tasks are with Slurm"):
+        convert(wanted)
+    assert unfinished(Job(tmp_path / "d")) == [], (fake / "output").read_text()[-3000:]
+    script = next(fake.glob("script_*")).read_text()
+    assert "#SBATCH --partition=cpu" in script
+    assert "qos" not in script
+    (fake / "squeue").write_text("#!/bin/bash\necho 42 cpu spacedock\n")
+    convert(wanted)
+    assert check_dataset(tmp_path / "d").errors == []
+
+
+def test_slurm_is_not_given_the_same_work_twice(log_folder, tmp_path, monkeypatch):
+    pytest.importorskip("datatrove")
+    for name, text in {"sbatch": "exit 1", "squeue": "echo 42 cpu spacedock"}.items():
+        (tmp_path / name).write_text(f"#!/bin/bash\n{text}\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    wanted = config(log_folder, tmp_path / "d", executor=ExecutorConfig("slurm", partition="cpu"))
+    with pytest.raises(SpaceDockError, match="sbatch refused"):
+        convert(wanted)
+    write_json(Job(tmp_path / "d").folder / "slurm.json", {"job_id": "42"})
+    with pytest.raises(Submitted, match="42 has not ended"):
+        convert(wanted)
+
+
+def test_many_shards_are_merged_a_few_at_a_time(log_folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("lerobot_spacedock.dataset.assemble.MERGE_AT_ONCE", 2)
+    convert(config(log_folder, tmp_path / "parts", num_workers=1, executor=ExecutorConfig()))
+    monkeypatch.undo()
+    convert(config(log_folder, tmp_path / "once", num_workers=1))
+    np.testing.assert_array_equal(states_of(tmp_path / "parts"), states_of(tmp_path / "once"))
+    assert check_dataset(tmp_path / "parts").errors == []
+    stats = [(tmp_path / name / "meta" / "stats.json").read_text() for name in ("parts", "once")]
+    assert json.loads(stats[0])["action"] == json.loads(stats[1])["action"]
+
+
 def test_executors_say_what_they_need():
     with pytest.raises(InputError, match=r"--executor\.kind"):
         ExecutorConfig("cloud")
     with pytest.raises(InputError, match=r"--executor\.partition"):
         ExecutorConfig("slurm")
+    with pytest.raises(InputError, match=r"--executor\.time"):
+        ExecutorConfig("ray", time="two hours")
