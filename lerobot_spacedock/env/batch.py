@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections import namedtuple
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,8 +40,7 @@ _ALL_COLUMNS = np.arange(STATE_DIM)
 _NOTHING = np.zeros((0, len(_OBSERVED)), dtype=np.float32)
 
 
-@dataclass(frozen=True)
-class StepResult:
+class StepResult(NamedTuple):
     """What a step of the batch gives; the arrays are the simulator's own and change with the next step.
 
     Attributes:
@@ -190,9 +188,13 @@ class BatchedSpaceDock:
 
     # --- views ----------------------------------------------------------------------------------------------------
 
-    def observe(self) -> np.ndarray:
-        """(N, 13) float32: the sensors' reading of every row, dataset order and units."""
-        return self._read(np.empty((self.count, len(_OBSERVED)), dtype=np.float32), _OBSERVED)
+    def observe(self, columns: np.ndarray = _OBSERVED) -> np.ndarray:
+        """(N, 13) float32: the sensors' reading of every row, dataset order and units.
+
+        Args:
+            columns: indices into ``frames.STATE_NAMES`` of the values wanted, if others; (M,) int64.
+        """
+        return self._read(np.empty((self.count, len(columns)), dtype=np.float32), columns)
 
     def observe_full(self) -> np.ndarray:
         """(N, 14) float64: the same with the mass; overwritten by the next call."""

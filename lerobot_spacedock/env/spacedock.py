@@ -213,7 +213,7 @@ class SpaceDockEnv(gym.Env):
             self._frame = self._draw()
             observation["pixels"] = {CAMERA_NAME: self._frame.copy()}
         if self.config.obs_type != "pixels":
-            values = self._simulator.observe_full()[0, self._indices].astype(np.float32)
+            values = self._simulator.observe(self._indices)[0]
             # unit quaternions may leave [-1, 1] by a float32 rounding
             observation["agent_pos"] = np.minimum(np.maximum(values, self._low), self._high)
         return observation
