@@ -1,6 +1,7 @@
-"""An independent witness: brute-force ray casts in double precision (Möller and Trumbore 1997), no shared code."""
+"""An independent witness: ray casts by trimesh (Embree's kernels), no shared code."""
 
 import numpy as np
+import trimesh
 from scipy.spatial.transform import Rotation
 
 
@@ -14,22 +15,21 @@ def rays(config, r_H, q_HB, columns, rows):
     return np.broadcast_to(np.asarray(r_H, float), body.shape), turn.apply(body)
 
 
-def cast(corners, origins, directions, nearest=0.0):
+def ray_mesh(mesh):
+    """The station as trimesh wants it, its triangles in the same order."""
+    faces = np.arange(3 * len(mesh)).reshape(-1, 3)
+    return trimesh.Trimesh(np.asarray(mesh.corners).reshape(-1, 3), faces, process=False)
+
+
+def cast(solid, origins, directions, nearest=0.0):
     """Distance (N,) in units of each direction's length to the first triangle, inf where none; and its number (N,)."""
-    a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    origins, directions = np.asarray(origins, float), np.asarray(directions, float)
+    start = origins + nearest * directions
+    triangle, ray, place = solid.ray.intersects_id(start, directions, multiple_hits=False, return_locations=True)
     best, which = np.full(len(origins), np.inf), np.full(len(origins), -1)
-    for k, (o, d) in enumerate(zip(origins, directions, strict=True)):
-        p = np.cross(d, e2)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inv = 1.0 / np.einsum("fi,fi->f", e1, p)
-            s = o - a
-            u = np.einsum("fi,fi->f", s, p) * inv
-            q = np.cross(s, e1)
-            v = (q @ d) * inv
-            t = np.einsum("fi,fi->f", e2, q) * inv
-            t = np.where((u >= 0) & (v >= 0) & (u + v <= 1) & (t > nearest), t, np.inf)
-        which[k] = int(t.argmin())
-        best[k] = t[which[k]]
+    along = np.einsum("ij,ij->i", place - origins[ray], directions[ray])
+    best[ray] = along / np.einsum("ij,ij->i", directions[ray], directions[ray])
+    which[ray] = triangle
     return best, which
 
 
