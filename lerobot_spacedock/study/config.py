@@ -15,6 +15,7 @@ SAMPLERS = ("grid", "tpe")
 # the axes of a sweep, slowest first: fields of SweepConfig that hold a list, and what a trial calls one value of them
 AXES = {
     "seeds": "seed",
+    "chunk_sizes": "chunk_size",
     "demonstrations": "demonstrations",
     "num_demonstrations": "num_demonstrations",
     "steps": "steps",
@@ -23,7 +24,6 @@ AXES = {
     "dropouts": "dropout",
     "dim_models": "dim_model",
     "vae": "use_vae",
-    "chunk_sizes": "chunk_size",
 }
 
 

@@ -23,11 +23,13 @@ from lerobot_spacedock.adapters import SpaceDockEnvConfig
 from lerobot_spacedock.dataset.demos import demos
 from lerobot_spacedock.episode_log import log_path, read_episode_log
 from lerobot_spacedock.metrics.episode import episode_metrics
-from lerobot_spacedock.study.demonstrations import demonstrations, demos_config
+from lerobot_spacedock.study.demonstrations import Frames, demonstrations, demos_config
 from lerobot_spacedock.study.rollout import Pilot, env_config, evaluate
 from lerobot_spacedock.study.students import StudentConfig, train
 
-SMALL = StudentConfig(chunk_size=3, dim_model=16, n_heads=2, dim_feedforward=32, steps=8, batch_size=64, seed=4)
+SMALL = StudentConfig(
+    chunk_size=3, dim_model=16, n_heads=2, dim_feedforward=32, steps=8, num_warmup_steps=2, batch_size=64, seed=4
+)
 
 
 @pytest.fixture(scope="module")
@@ -83,12 +85,15 @@ def test_weights_are_those_of_lerobot_train(frames, dataset_root, tmp_path, monk
         )
     )
     stock = ACTPolicy.from_pretrained(tmp_path / "run" / "checkpoints" / "last" / "pretrained_model").state_dict()
-    ours, untrained = train(SMALL, frames).policy.state_dict(), train(dataclasses.replace(SMALL, steps=1), frames)
+    # Adam makes full steps of gradients that are rounding errors: the statistics have to be the dataset's to the bit
+    dataset = LeRobotDataset("spacedock/both", root=dataset_root)
+    same = type("Same", (Frames,), {"stats": dataset.meta.stats})(**vars(frames))
+    ours, untrained = train(SMALL, same).policy.state_dict(), train(dataclasses.replace(SMALL, steps=1), same)
     assert stock.keys() == ours.keys()
     for name, weights in stock.items():
-        torch.testing.assert_close(ours[name], weights, rtol=0.0, atol=1e-6, msg=name)
+        torch.testing.assert_close(ours[name], weights, rtol=0.0, atol=1e-6, msg=lambda text, name=name: name + text)
     moved = max((stock[name] - weights).abs().max() for name, weights in untrained.policy.state_dict().items())
-    assert moved > 1e-4  # a hundred times the tolerance: the comparison is of training, not of the initial weights
+    assert moved > 1e-3  # a thousand times the tolerance: the comparison is of training, not of the initial weights
 
 
 class _StateAsEnvironment(ObservationProcessorStep):

@@ -10,10 +10,16 @@ import numpy as np
 import pytest
 from optuna.trial import TrialState
 
+from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig
+from lerobot_spacedock.dataset.flight import fly
+from lerobot_spacedock.episode_log import log_path, write_episode_log
 from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.expert.controllers import make_expert
 from lerobot_spacedock.study import sweep as sweep_module
 from lerobot_spacedock.study.config import SweepConfig
 from lerobot_spacedock.study.figure import FigureConfig, frontier, read_trials, sweep_figure
+from lerobot_spacedock.study.rollout import env_config
+from lerobot_spacedock.study.summarize import main
 from lerobot_spacedock.study.sweep import OWNER, POINT, open_study, requeue_abandoned, sweep
 from lerobot_spacedock.study.trial import summary
 
@@ -153,3 +159,15 @@ def test_a_file_that_is_no_result_is_named(tmp_path):
         read_trials([path])
     with pytest.raises(InputError, match=r"missing\.json"):
         read_trials([tmp_path / "missing.json"])
+
+
+def test_logs_become_rows_and_a_table(tmp_path, capsys):
+    env, seeds = env_config("SpaceDockContact-v0", "random"), np.arange(3)
+    calm = Disturbance.draw(seeds, env.max_steps, KickConfig(), NoiseConfig())
+    for log in fly(make_expert("W", env), env, seeds, calm):
+        write_episode_log(log_path(tmp_path, log.metadata["seed"]), log)
+    assert main(["--runs", f"W={tmp_path}", "--out", str(tmp_path / "w.json")]) == 0
+    (row,) = json.loads((tmp_path / "w.json").read_text())
+    assert (row["run"], row["starts"], row["idss"], row["contact"], row["episodes"]) == ("W", "random", 3, 3, 3)
+    assert "| W | random | 3 of 3 [29.2, 100.0] % | 3 |" in capsys.readouterr().out
+    assert main(["--runs", f"W={tmp_path}/nothing"]) == 2
