@@ -14,11 +14,12 @@ import itertools
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
+from table import Row
 
 import lerobot_spacedock  # noqa: F401
 from lerobot_spacedock.env.batch import BatchedSpaceDock
@@ -124,6 +125,21 @@ def _vbar(batch: int, seconds: float) -> float | None:
     env.reset(seed=0)
     action = np.zeros((batch, 3))
     return rate(lambda: env.step(action), batch, seconds)
+
+
+def rows(quick: bool = False) -> Iterator[Row]:
+    """The benchmarks' table: dynamics and whole environment over the batch, beside NumPy and V-BAR."""
+    threads = os.cpu_count() or 1
+    for batch in (1, 256, 4096) if quick else (1, 256, 4096, 65536):
+        rates = measure(batch, 0.2 if quick else 1.0, threads)
+        floor = rates["NumPy RK4, dynamics"]
+        for name in (f"dynamics, {threads} thread(s)", f"whole env, meta, {threads} thread(s)"):
+            yield Row(f"simulator: {name}, batch {batch:,}", rates[name], "steps/s", "NumPy loop, dynamics", floor)
+        if "V-BAR vector env" in rates:
+            ours, peer = rates[f"whole env, {threads} thread(s)"], rates["V-BAR vector env"]
+            yield Row(f"simulator: whole env, batch {batch:,}", ours, "steps/s", "V-BAR, a point mass", peer)
+        if "gymnasium step, no frame" in rates:
+            yield Row("simulator: one gymnasium step, no frame", rates["gymnasium step, no frame"], "steps/s")
 
 
 def main() -> None:

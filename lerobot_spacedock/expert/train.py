@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import platform
 import time
@@ -74,10 +75,11 @@ def _train(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) ->
     algorithm = make_ppo(config, tasks.reset(0))
     progress: dict[str, Any] = {
         "iteration": 0, "interactions": 0, "episodes": 0, "wall_s": 0.0, "cpu_s": 0.0, "collect_s": 0.0, "learn_s": 0.0,
-        "evaluate_s": 0.0, "imitation_s": 0.0, "demonstration_frames": 0, "curve": [],
+        "evaluate_s": 0.0, "imitation_s": 0.0, "demonstration_frames": 0, "smoothness_price": 1.0,
+        "curve": [],
     }  # fmt: skip
     if config.resume:
-        progress = load_checkpoint(output / "checkpoints", algorithm, resolved)
+        progress |= load_checkpoint(output / "checkpoints", algorithm, resolved)
     elif starts_from_checkpoint(config):
         load_networks(Path(config.init_from), algorithm)
     elif config.init_from is not None:
@@ -144,8 +146,9 @@ def _iterate(config, algorithm, tasks, progress, writer) -> None:
     fraction = progress["iteration"] / config.iterations
     if config.init_from is not None and not starts_from_checkpoint(config):
         freeze_actor(algorithm, progress["iteration"] < config.init_critic_iterations)
-    tasks.smoothness_weight = smoothness_weight(config, fraction)
-    algorithm.mean_change_coef = mean_change_coef(config, fraction)
+    price = progress["smoothness_price"]
+    tasks.smoothness_weight = price * smoothness_weight(config, fraction)
+    algorithm.mean_change_coef = price * mean_change_coef(config, fraction)
     algorithm.desired_kl = desired_kl(config, fraction)
     set_std_ceiling(algorithm, std_ceiling(config, fraction))
     start = time.perf_counter()
@@ -178,6 +181,16 @@ def smoothness_weight(config: TrainExpertConfig, fraction: float) -> float:
         return final
     along = min(fraction / config.smoothness_ramp, 1.0)
     return config.smoothness_start * (final / config.smoothness_start) ** along
+
+
+def guarded_price(price: float, idss_percent: float, guard_percent: float) -> float:
+    """The factor on the price of smoothness after an evaluation: a multiplier of "smooth, but docking all the same".
+
+    Halved (to 1/16 at least) where fewer than ``guard_percent`` dock, else a square root of two larger, up to 1.
+    """
+    if idss_percent < guard_percent:
+        return max(0.5 * price, 1.0 / 16.0)
+    return min(math.sqrt(2.0) * price, 1.0)
 
 
 def starts_from_checkpoint(config: TrainExpertConfig) -> bool:
@@ -224,6 +237,9 @@ def _evaluate(config, algorithm, progress, writer, bar) -> None:
     progress["curve"].append(point)
     progress["evaluate_s"] += time.perf_counter() - start
     nominal, meta = point["contact same"], point["meta random"]
+    worse = min(nominal["idss_percent"], meta["idss_percent"])
+    progress["smoothness_price"] = guarded_price(progress["smoothness_price"], worse, config.smoothness_guard_percent)
+    writer.add_scalar("train/smoothness_price", progress["smoothness_price"], progress["interactions"])
     bar.set_postfix_str(
         f"IDSS {nominal['idss_percent']:.0f}/{meta['idss_percent']:.0f} % "
         f"miss {100 * nominal['miss_mean_m']:.1f}/{100 * meta['miss_mean_m']:.1f} cm "

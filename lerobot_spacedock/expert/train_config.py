@@ -137,6 +137,9 @@ class TrainExpertConfig:
     smoothness_start: float = 0.003
     # … over this fraction of the training: first to fly, then to fly smoothly
     smoothness_ramp: float = 0.7
+    # percent: whenever fewer validation episodes than this end in the IDSS box, the price of smoothness halves, and it
+    # grows back while enough do; 0 leaves it alone
+    smoothness_guard_percent: float = 0.0
     actor: ActorConfig = field(default_factory=ActorConfig)
     ppo: PpoConfig = field(default_factory=PpoConfig)
     # iterations between checkpoints
@@ -172,6 +175,8 @@ class TrainExpertConfig:
                 (self.smoothness_ramp, self.smoothness_start),
                 "a fraction from 0 to 1, and a positive weight",
             )
+        if not 0.0 <= self.smoothness_guard_percent <= 100.0:
+            raise InputError("smoothness_guard_percent", self.smoothness_guard_percent, "from 0 to 100")
         if self.init_epochs < 1:
             raise InputError("init_epochs", self.init_epochs, "an integer ≥ 1")
         if not 0.005 <= self.init_std <= 1.0:
