@@ -67,7 +67,8 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=128)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--epochs", type=int, default=12)
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--storages", default=",".join(STORAGES))
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     quiet_encoders()
@@ -81,7 +82,8 @@ def main() -> None:
     print(
         f"{'storage':12s} {'kB':>6s} {'write ms':>8s} {'read ms':>8s} {'PSNR dB':>8s}  error of the pose, seed by seed"
     )
-    for name, storage in STORAGES.items():
+    for name in arguments.storages.split(","):
+        storage = STORAGES[name]
         stored = store(logs, frames, storage, arguments)
         quality = np.mean([min(psnr_dB(a, b), 99.0) for a, b in zip(stored.frames, lossless, strict=True)])
         found = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import os
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -44,9 +45,9 @@ def run_shards(job: Job, *, num_workers: int, total_frames: int | None) -> None:
     remove_stale(job)
     with tqdm(total=total_frames, initial=already, unit="frame", desc="Writing frames", smoothing=0.1) as bar:
         if workers == 1:
-            for index in indices:
-                write_shard(job.root, index)
-                _show(bar, job, already)
+            with _called_now_and_then(lambda: _show(bar, job, already)):
+                for index in indices:
+                    write_shard(job.root, index)
         else:
             task = functools.partial(write_shard, job.root)
             run_processes(task, indices, workers, lambda: _show(bar, job, already))
@@ -82,6 +83,24 @@ def run_processes(
             pool.shutdown(wait=False, cancel_futures=True)
             raise
         pool.shutdown()
+
+
+@contextlib.contextmanager
+def _called_now_and_then(show: Callable[[], None]) -> Iterator[None]:
+    """Calls ``show`` from a thread while the block runs."""
+    done = threading.Event()
+
+    def work() -> None:
+        while not done.wait(POLL_s):
+            show()
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
 
 
 def _raise_of(future: Future) -> None:
