@@ -1,5 +1,11 @@
 """One root error. A message says what was given, what is allowed, and how to mend it."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+LARGEST_ARRAY_BYTES = 8 << 30  # a file that asks for more at once is no episode, and is refused before it gets it
+
 
 class SpaceDockError(Exception):
     """Root of every error that this package raises on purpose."""
@@ -34,6 +40,32 @@ class FileFormatError(SpaceDockError, ValueError):
 
 class MissingDependencyError(SpaceDockError, ImportError):
     """An optional package is needed for what was asked."""
+
+
+@contextmanager
+def reading(path: Path | str, what: str) -> Iterator[None]:
+    """Around the parsing of a file that anybody may have made: whatever a parser raises names the file.
+
+    Args:
+        path: of the file.
+        what: it is read as, with its article ("an HDF5 file").
+
+    Raises:
+        FileFormatError: from any error inside, but those of this package and a file that is not there.
+    """
+    try:
+        yield
+    except (SpaceDockError, FileNotFoundError):
+        raise
+    except Exception as error:  # parsers of damaged files raise what their authors did not think of
+        said = _short(f"{type(error).__name__}: {error}")
+        raise FileFormatError(f"{path}: not readable as {what} ({said}).") from error
+
+
+def check_size(path: Path | str, name: str, count_bytes: int) -> None:
+    """Raises FileFormatError where a header asks for more than ``LARGEST_ARRAY_BYTES``."""
+    if count_bytes > LARGEST_ARRAY_BYTES:
+        raise FileFormatError(f"{path}: {name!r} claims {count_bytes / 2**30:,.0f} GiB; 8 are the most.")
 
 
 def _short(value: object, limit: int = 200) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from lerobot_spacedock.episode_log import EpisodeLog, read_episode_log
-from lerobot_spacedock.errors import FileFormatError
+from lerobot_spacedock.errors import FileFormatError, InputError, SpaceDockError, reading
 from lerobot_spacedock.metrics.catalog import NAMES
 from lerobot_spacedock.metrics.crossing import range_rate
 from lerobot_spacedock.metrics.episode import ATV_CONDITIONS, IDSS_CONDITIONS, episode_metrics
@@ -122,6 +122,20 @@ def collect(
     return {name: _assemble(joined, name) for name in joined.rows}, joined.exclusions
 
 
+def measured(path: Path) -> tuple[EpisodeLog, dict[str, float | bool | None]]:
+    """An episode log and its metrics.
+
+    Raises:
+        FileFormatError: not a log, or one whose metadata say what cannot be.
+    """
+    log = read_episode_log(path)
+    try:
+        with reading(path, "an episode log"):
+            return log, episode_metrics(log)
+    except InputError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+
+
 def initial_conditions(log: EpisodeLog) -> str:
     """The name of the set that an episode's start was drawn from; ``unspecified`` where the log does not say."""
     stated = log.metadata.get("initial_conditions")
@@ -146,14 +160,13 @@ def _read_batch(job: tuple[int, Sequence[Path]]) -> _Part:
             part.exclusions.append(Exclusion(str(path), SURPLUS))
             continue
         try:
-            log = read_episode_log(path)
-        except (FileFormatError, OSError) as error:
+            log, metrics = measured(path)
+        except (SpaceDockError, OSError) as error:
             part.exclusions.append(Exclusion(str(path), f"not readable: {error}"))
             continue
         if log.metadata.get("surplus"):
             part.exclusions.append(Exclusion(str(path), SURPLUS))
             continue
-        metrics = episode_metrics(log)
         name = initial_conditions(log)
         numbers = [np.nan if metrics[key] is None else float(metrics[key]) for key in COLUMN_NAMES]
         row = (folder, path.name, numbers, log.state[0, OBSERVATION_INDICES], closing_profile(log))

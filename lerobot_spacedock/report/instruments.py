@@ -68,7 +68,8 @@ def overlay(frame: np.ndarray, instruments: tuple[Reading, ...], *, time_s: floa
         draw.text((x, height + 1.4 * unit), reading.value, font=large, fill=colour)
         draw.text((x + large.getlength(reading.value + " "), height + 1.75 * unit), reading.unit, font=small, fill=DIM)
     clock = f"T+{time_s:5.1f} s"
-    _label(draw, (0.6 * unit, 0.5 * unit), caption, small)
+    if small.getlength(caption + clock) + 2.0 * unit < width:  # on a narrow picture the clock goes first
+        _label(draw, (0.6 * unit, 0.5 * unit), caption, small)
     _label(draw, (width - small.getlength(clock) - 0.6 * unit, 0.5 * unit), clock, small)
     return np.asarray(canvas)
 

@@ -44,7 +44,7 @@ class ViewConfig:
     fps: float = 24.0
     # How many times faster than the flight the film runs
     speed: float = 4.0
-    # Rows of the pictures; default: as the log states, else 480
+    # Rows of the pictures; default: as the log states, else 480; a film has 480 at least
     height: int | None = None
     # Columns of the pictures; default: as the log states, else 640
     width: int | None = None
@@ -82,6 +82,13 @@ def view(cfg: ViewConfig) -> int:
     return 0
 
 
+def _film_size(camera: Mapping[str, Any]) -> dict[str, int]:
+    """The size that a film is drawn in: what a policy saw small, people see with room for instruments."""
+    rows, columns = (int(camera.get(key, getattr(CameraConfig, key))) for key in ("height", "width"))
+    scale = max(1.0, CameraConfig.height / max(rows, 1))
+    return {"height": round(rows * scale), "width": 2 * round(columns * scale / 2)}
+
+
 class LazyArtist:
     """Draws states as the log's environment would have; the renderer is made when the first picture is asked for."""
 
@@ -92,6 +99,8 @@ class LazyArtist:
         camera = dict(stated) if isinstance(stated, Mapping) else {}
         camera |= {"detail": cfg.detail, "port": port_of(metadata).name}
         camera |= {key: value for key in ("height", "width") if (value := getattr(cfg, key)) is not None}
+        if cfg.video is not None and cfg.height is None and cfg.width is None:
+            camera |= _film_size(camera)
         self.vfov_deg = float(camera.get("vfov_deg", CameraConfig.vfov_deg))
         self._options = {"camera": camera, "renderer": cfg.renderer, "sun": config.get("sun") or "fixed"}
         self._options |= {key: config.get(key) for key in ("station_mesh", "station_pose")}

@@ -19,11 +19,14 @@ import numpy as np
 
 from lerobot_spacedock.dataset.sources import EpisodeRef, LoadedEpisode
 from lerobot_spacedock.episode_log import EpisodeLog
-from lerobot_spacedock.errors import FileFormatError, MissingDependencyError
+from lerobot_spacedock.errors import FileFormatError, MissingDependencyError, check_size, reading
 from lerobot_spacedock.physics.constants import CHASER_MASS_kg
 from lerobot_spacedock.physics.frames import ACTION_DIM, MASS, OBSERVATION_INDICES, STATE_DIM
 
 _EPISODE = re.compile(r"episode_(\d+)\.(hdf5|npz)")
+
+
+_KINDS = {"hdf5": "an HDF5 file", "npz": "a NumPy archive"}
 
 
 def list_episodes(path: Path, options: tuple) -> list[EpisodeRef]:
@@ -33,7 +36,8 @@ def list_episodes(path: Path, options: tuple) -> list[EpisodeRef]:
 
 def load(ref: EpisodeRef) -> LoadedEpisode:
     file = Path(ref.path)
-    arrays = _read_hdf5(file) if ref.format == "hdf5" else _read_npz(file)
+    with reading(file, _KINDS[ref.format]):
+        arrays = _read_hdf5(file) if ref.format == "hdf5" else _read_npz(file)
     log = log_of_arrays(
         str(file),
         state=arrays["state"],
@@ -52,7 +56,8 @@ def load(ref: EpisodeRef) -> LoadedEpisode:
 
     def frames(first: int) -> Iterator[np.ndarray]:
         read = _hdf5_frames if ref.format == "hdf5" else _npz_frames
-        return read(file, first, log.num_steps)
+        with reading(file, _KINDS[ref.format]):
+            yield from read(file, first, log.num_steps)
 
     return LoadedEpisode(log, frames)
 
@@ -158,6 +163,7 @@ def _camera(file: Path, images: Any) -> Any:
         raise FileFormatError(f"{file}: cameras {names}; one of them has to be called 'camera'.")
     if images[name].dtype != np.uint8:
         raise FileFormatError(f"{file}: {images[name].name} has dtype {images[name].dtype}; uint8 is needed.")
+    check_size(file, images[name].name, int(np.prod(images[name].shape[1:], dtype=object)))
     return images[name]
 
 
@@ -166,6 +172,7 @@ def _numbers(file: Path, content: Any, name: str) -> np.ndarray:
         raise FileFormatError(f"{file}: {name!r} is missing; ACT-style episodes hold action and observations/qpos.")
     if content[name].dtype.kind not in "fiu":
         raise FileFormatError(f"{file}: {name!r} has dtype {content[name].dtype}; numbers are needed, never objects.")
+    check_size(file, name, content[name].size * 8)
     return content[name][()]
 
 
@@ -200,6 +207,7 @@ def _open_npz(file: Path) -> Any:
 
 
 def _member(file: Path, content: Any, name: str) -> np.ndarray:
+    _check_member(file, content, name)
     try:
         values = content[name]
     except ValueError as error:  # what NumPy says of pickled objects
@@ -209,6 +217,19 @@ def _member(file: Path, content: Any, name: str) -> np.ndarray:
     if values.dtype.kind not in "fiub":
         raise FileFormatError(f"{file}: {name!r} has dtype {values.dtype}; numbers are needed.")
     return values
+
+
+def _check_member(file: Path, content: Any, name: str) -> None:
+    """Compares what a member's header claims with what is in the archive, before NumPy makes room for it."""
+    info = content.zip.getinfo(name if name in content.zip.namelist() else f"{name}.npy")
+    with content.zip.open(info) as stream:
+        version = np.lib.format.read_magic(stream)
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read(stream)
+    claimed = int(np.prod(shape, dtype=object)) * dtype.itemsize
+    check_size(file, name, claimed)
+    if not dtype.hasobject and claimed > info.file_size:
+        raise FileFormatError(f"{file}: {name!r} claims {claimed:,} bytes and holds {info.file_size:,}.")
 
 
 def _picture(place: str, row: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lerobot_spacedock.errors import FileFormatError
+from lerobot_spacedock.errors import FileFormatError, reading
 
 
 def read_picture(file: Path) -> np.ndarray:
@@ -16,15 +16,13 @@ def read_picture(file: Path) -> np.ndarray:
     Raises:
         FileFormatError: missing, truncated, or not a picture.
     """
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     try:
-        with Image.open(file) as picture:
+        with reading(file, "a picture"), Image.open(file) as picture:
             return np.asarray(picture.convert("RGB"))
     except FileNotFoundError:
         raise FileFormatError(f"{file}: missing.") from None
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
-        raise FileFormatError(f"{file}: not a readable picture ({error}).") from error
 
 
 def resized(frames: Iterable[np.ndarray], height: int, width: int, sizes: set[tuple[int, int]]) -> Iterator[np.ndarray]:

@@ -1,0 +1,72 @@
+"""What no reader may do, watched while it reads: unpickle, write elsewhere, start a program, hang, take the memory."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+FORBIDDEN = ("pickle.find_class", "os.system", "os.exec", "os.posix_spawn", "subprocess.Popen", "socket.connect")
+TIME_LIMIT_S = 2.0
+MEMORY_BYTES = 1 << 30  # beyond what the readers' libraries have taken already
+
+
+class TooLongError(BaseException):
+    """Not an ``Exception``: no reader may take it for a damaged file."""
+
+
+class Guard:
+    """Notes every forbidden act of this process while armed; audit hooks stay for the life of a process."""
+
+    def __init__(self, allowed: Path) -> None:
+        self._allowed = str(allowed.resolve()) + os.sep
+        self._armed = False
+        self.seen: list[str] = []
+        sys.addaudithook(self._hook)
+
+    def _hook(self, event: str, arguments: tuple) -> None:
+        if not self._armed:
+            return
+        if event in FORBIDDEN:
+            self._note(f"{event}{arguments!r:.80}")
+        elif event == "open" and isinstance(arguments[0], str | bytes | os.PathLike):
+            path, flags = os.fsdecode(arguments[0]), arguments[2]
+            writes = isinstance(flags, int) and flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC)
+            if writes and path != os.devnull and not os.path.realpath(path).startswith(self._allowed):
+                self._note(f"writes {path}")
+
+    def _note(self, what: str) -> None:
+        self.seen.append(what)
+        raise PermissionError(what)
+
+    @contextmanager
+    def watching(self) -> Iterator[None]:
+        """Arms the hooks and a timer that no ``except Exception`` stops."""
+        self.seen.clear()
+        previous = signal.signal(signal.SIGALRM, _too_long)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, _too_long)
+        signal.setitimer(signal.ITIMER_PROF, TIME_LIMIT_S)  # CPU time: a busy machine is no hang
+        signal.setitimer(signal.ITIMER_REAL, 30 * TIME_LIMIT_S)
+        self._armed = True
+        try:
+            yield
+        finally:
+            self._armed = False
+            signal.setitimer(signal.ITIMER_PROF, 0)
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            signal.signal(signal.SIGALRM, previous)
+
+
+def limit_memory() -> None:
+    """Lets this process take ``MEMORY_BYTES`` more than it has; an allocation beyond fails instead of swapping."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MEMORY_BYTES,) * 2)
+
+
+def _too_long(signum: int, frame: object) -> None:
+    raise TooLongError
