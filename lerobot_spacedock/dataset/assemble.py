@@ -15,7 +15,8 @@ from lerobot_spacedock.dataset.shards import SUMMARY_FILE, read_summary
 from lerobot_spacedock.dataset.statistics import repair_statistics
 from lerobot_spacedock.errors import FileFormatError, SpaceDockError
 
-MERGE_AT_ONCE = 64  # LeRobot holds the metadata of everything that it merges
+# LeRobot holds the metadata of all that it merges, and rewrites the file it appends to once for each of them
+MERGE_AT_ONCE = 8
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,10 @@ def _count(job: Job, num_shards: int) -> tuple[Total, list[Path]]:
 
 
 def _merge_by_parts(shards: list[Path], plan: Plan, scratch: Path, complete: Path) -> None:
-    """Merges a few at a time, and what comes of that again, so that memory does not grow with their number."""
+    """Merges a few at a time, and what comes of that again, so that neither memory nor time an episode grow.
+
+    From the second round on data files are taken as they are: several, of hundreds of episodes each.
+    """
     level = 0
     while len(shards) > MERGE_AT_ONCE:
         parts = [shards[at : at + MERGE_AT_ONCE] for at in range(0, len(shards), MERGE_AT_ONCE)]
@@ -93,14 +97,14 @@ def _merge_by_parts(shards: list[Path], plan: Plan, scratch: Path, complete: Pat
         shutil.rmtree(folder, ignore_errors=True)
         merged = [folder / f"{number:06d}" for number in range(len(parts))]
         for part, target in zip(parts, merged, strict=True):
-            _merge(part, plan, target)
+            _merge(part, plan, target, concatenate=level == 0)
         if level:
             shutil.rmtree(scratch / str(level - 1))
         shards, level = merged, level + 1
-    _merge(shards, plan, complete)
+    _merge(shards, plan, complete, concatenate=level == 0)
 
 
-def _merge(shards: list[Path], plan: Plan, complete: Path) -> None:
+def _merge(shards: list[Path], plan: Plan, complete: Path, *, concatenate: bool) -> None:
     if len(shards) == 1:
         shutil.copytree(shards[0], complete, ignore=shutil.ignore_patterns(SUMMARY_FILE))
         return
@@ -114,6 +118,8 @@ def _merge(shards: list[Path], plan: Plan, complete: Path) -> None:
     before = quiet.level
     quiet.setLevel(logging.WARNING)
     try:
-        aggregate_datasets([repo_id] * len(shards), repo_id, roots=shards, aggr_root=complete)
+        aggregate_datasets(
+            [repo_id] * len(shards), repo_id, roots=shards, aggr_root=complete, concatenate_data=concatenate
+        )
     finally:
         quiet.setLevel(before)
