@@ -1,0 +1,90 @@
+"""``python -m lerobot_spacedock.study.picture_use``: does a policy's command depend on its picture?
+
+The commands for the frames of a dataset, once as they are, once with the picture of another frame, once with none (the
+dataset's mean colour): how far the first command of each chunk moves, beside how far it is from the label. Open loop.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from lerobot.datasets import LeRobotDataset
+from lerobot.policies import make_pre_post_processors
+from lerobot.policies.act.modeling_act import ACTPolicy
+from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
+
+CAMERA = f"{OBS_IMAGES}.camera"
+
+
+def changes(
+    commands: np.ndarray, shuffled: np.ndarray, blank: np.ndarray, label: np.ndarray
+) -> dict[str, dict[str, float]]:
+    """Mean norms over frames, thrust in N and torque in N·m. All (F, 6)."""
+    found = {}
+    for name, other in (("shuffled", shuffled), ("blank", blank), ("label", label)):
+        difference = other - commands
+        found[name] = {
+            "thrust_N": float(np.linalg.norm(difference[:, :3], axis=1).mean()),
+            "torque_Nm": float(np.linalg.norm(difference[:, 3:], axis=1).mean()),
+        }
+    return found
+
+
+def picture_use(checkpoint: Path, dataset_root: Path, *, num_frames: int = 256, seed: int = 0) -> dict[str, Any]:
+    """Loads a stock ACT checkpoint and gives ``changes`` over frames drawn from a dataset with pictures."""
+    policy = ACTPolicy.from_pretrained(checkpoint).eval()
+    before, after = make_pre_post_processors(policy.config, pretrained_path=str(checkpoint))
+    dataset = LeRobotDataset("spacedock/pictures", root=dataset_root)
+    rng = np.random.default_rng(seed)
+    index = rng.choice(len(dataset), size=min(num_frames, len(dataset)), replace=False)
+    items = [dataset[int(i)] for i in index]
+    pictures = torch.stack([item[CAMERA] for item in items])
+    if pictures.dtype == torch.uint8:
+        pictures = pictures.float() / 255.0
+    states = torch.stack([item[OBS_STATE] for item in items])
+    mean = pictures.mean(dim=(0, 2, 3), keepdim=True)
+
+    @torch.no_grad()
+    def commands(seen: torch.Tensor) -> np.ndarray:
+        parts = []
+        for some in torch.arange(len(states)).split(32):
+            chunk = policy.predict_action_chunk(before({CAMERA: seen[some], OBS_STATE: states[some]}))
+            parts.append(after(chunk[:, 0]).numpy())
+        return np.concatenate(parts)
+
+    other = torch.from_numpy(np.roll(np.arange(len(states)), 1))  # the frames are in random order already
+    return {
+        "frames": len(states),
+        **changes(
+            commands(pictures),
+            commands(pictures[other]),
+            commands(mean.expand_as(pictures)),
+            torch.stack([item[ACTION] for item in items]).numpy(),
+        ),
+    }
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m lerobot_spacedock.study.picture_use", description=__doc__)
+    parser.add_argument("--checkpoint", type=Path, required=True, help="CHECKPOINT/pretrained_model of an ACT")
+    parser.add_argument("--root", type=Path, required=True, help="a LeRobotDataset with pictures of its size")
+    parser.add_argument("--frames", type=int, default=256)
+    parser.add_argument("--out", type=Path, help="write the JSON here too")
+    arguments = parser.parse_args(argv)
+    found = picture_use(arguments.checkpoint, arguments.root, num_frames=arguments.frames)
+    text = json.dumps(found, indent=2)
+    print(text)
+    if arguments.out:
+        arguments.out.write_text(text + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
