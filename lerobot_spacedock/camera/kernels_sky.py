@@ -9,6 +9,10 @@ import numpy as np
 from lerobot_spacedock.jit import jit
 from lerobot_spacedock.physics.constants import EARTH_EQUATORIAL_RADIUS_m, ORBIT_RADIUS_m
 
+from .kernels_shade import film
+
+CHUNK = 256  # pixels of Earth that are worked on together
+
 EARTH_SIZE = 2048  # texels along the side of the Earth patch that is seen from orbit
 EARTH_REACH = 0.37  # sine of the central angle at the patch's edge; the horizon is at 0.342
 _RO = ORBIT_RADIUS_m / EARTH_EQUATORIAL_RADIUS_m  # everything below in Earth radii
@@ -17,54 +21,78 @@ _AIR_TOP = (1.0 + 140e3 / EARTH_EQUATORIAL_RADIUS_m) ** 2  # nothing glows above
 
 
 @jit(nogil=True)
-def _ground(rx, ry, rz, down, gap, sx, sy, sz, earth):
-    """Radiance (red, green, blue) of the sunlit Earth along a unit ray that meets it."""
-    one, zero = np.float32(1.0), np.float32(0.0)
-    ro = np.float32(_RO)
-    half, per = np.float32(0.5 * EARTH_SIZE), np.float32(0.5 * EARTH_SIZE / EARTH_REACH)
-    t = ro * down - math.sqrt(one - gap)
-    nx, ny, nz = ro + t * rx, t * ry, t * rz
-    u, v = ny * per + half, nz * per + half
-    iu, iv = min(max(int(u), 0), EARTH_SIZE - 2), min(max(int(v), 0), EARTH_SIZE - 2)
-    fu, fv = u - np.float32(iu), v - np.float32(iv)
-    p = iv * EARTH_SIZE + iu
-    ta, tb, tc, td = earth[p], earth[p + 1], earth[p + EARTH_SIZE], earth[p + EARTH_SIZE + 1]
-    byte = np.float32(1.0 / 255.0)
-    wa, wb = (one - fu) * (one - fv) * byte, fu * (one - fv) * byte
-    wc, wd = (one - fu) * fv * byte, fu * fv * byte
-    gr = np.float32(ta & 255) * wa + np.float32(tb & 255) * wb + np.float32(tc & 255) * wc + np.float32(td & 255) * wd
-    gg = (
-        np.float32((ta >> 8) & 255) * wa + np.float32((tb >> 8) & 255) * wb
-        + np.float32((tc >> 8) & 255) * wc + np.float32((td >> 8) & 255) * wd
-    )  # fmt: skip
-    gb = (
-        np.float32((ta >> 16) & 255) * wa + np.float32((tb >> 16) & 255) * wb
-        + np.float32((tc >> 16) & 255) * wc + np.float32((td >> 16) & 255) * wd
-    )  # fmt: skip
-    gloss = (
-        np.float32((ta >> 24) & 255) * wa + np.float32((tb >> 24) & 255) * wb
-        + np.float32((tc >> 24) & 255) * wc + np.float32((td >> 24) & 255) * wd
-    )  # fmt: skip
-    mu = max(-(rx * nx + ry * ny + rz * nz), zero)
-    sun = nx * sx + ny * sy + nz * sz
-    day = min(max((sun + np.float32(0.06)) * np.float32(5.0), zero), one)
-    day = day * day
-    level = day * max(sun, np.float32(0.02))
-    # the Sun's glint on water, broad because of waves
-    hx, hy, hz = sx - rx, sy - ry, sz - rz
-    nh = max((nx * hx + ny * hy + nz * hz) / math.sqrt(hx * hx + hy * hy + hz * hz + np.float32(1e-6)), zero)
-    for _ in range(5):
+def _ground(n, ray, pixel, sky, sx, sy, sz, exposure, earth, s, taps, colour):
+    """Add the sunlit Earth to ``n`` pixels whose unit rays (x, y, z in rows of ``ray``) meet it."""
+    f32, i32 = np.float32, np.int32
+    one, zero = f32(1.0), f32(0.0)
+    ro, ro2 = f32(_RO), f32(_RO * _RO)
+    half, per = f32(0.5 * EARTH_SIZE), f32(0.5 * EARTH_SIZE / EARTH_REACH)
+    last = f32(EARTH_SIZE - 2)
+    for k in range(np.uint64(n)):
+        rx, ry, rz = ray[k], ray[CHUNK + k], ray[2 * CHUNK + k]
+        t = -ro * rx - math.sqrt(max(one - ro2 * (one - rx * rx), zero))
+        ny, nz = t * ry, t * rz
+        u, v = min(max(ny * per + half, zero), last), min(max(nz * per + half, zero), last)
+        iu, iv = i32(u), i32(v)
+        taps[k] = i32(iv * EARTH_SIZE + iu)
+        s[k], s[CHUNK + k], s[2 * CHUNK + k] = ro + t * rx, ny, nz
+        s[3 * CHUNK + k], s[4 * CHUNK + k] = u - f32(iu), v - f32(iv)
+    for k in range(np.uint64(n)):
+        p = np.uint64(taps[k])
+        taps[k], taps[CHUNK + k] = earth[p], earth[p + np.uint64(1)]
+        q = p + np.uint64(EARTH_SIZE)
+        taps[2 * CHUNK + k], taps[3 * CHUNK + k] = earth[q], earth[q + np.uint64(1)]
+    byte = f32(1.0 / 255.0)
+    for k in range(np.uint64(n)):
+        rx, ry, rz = ray[k], ray[CHUNK + k], ray[2 * CHUNK + k]
+        nx, ny, nz = s[k], s[CHUNK + k], s[2 * CHUNK + k]
+        fu, fv = s[3 * CHUNK + k], s[4 * CHUNK + k]
+        ta, tb, tc, td = taps[k], taps[CHUNK + k], taps[2 * CHUNK + k], taps[3 * CHUNK + k]
+        wa, wb = (one - fu) * (one - fv) * byte, fu * (one - fv) * byte
+        wc, wd = (one - fu) * fv * byte, fu * fv * byte
+        gr = f32(i32(ta & 255)) * wa + f32(i32(tb & 255)) * wb + f32(i32(tc & 255)) * wc + f32(i32(td & 255)) * wd
+        gg = (
+            f32(i32((ta >> 8) & 255)) * wa + f32(i32((tb >> 8) & 255)) * wb
+            + f32(i32((tc >> 8) & 255)) * wc + f32(i32((td >> 8) & 255)) * wd
+        )  # fmt: skip
+        gb = (
+            f32(i32((ta >> 16) & 255)) * wa + f32(i32((tb >> 16) & 255)) * wb
+            + f32(i32((tc >> 16) & 255)) * wc + f32(i32((td >> 16) & 255)) * wd
+        )  # fmt: skip
+        gloss = (
+            f32(i32((ta >> 24) & 255)) * wa + f32(i32((tb >> 24) & 255)) * wb
+            + f32(i32((tc >> 24) & 255)) * wc + f32(i32((td >> 24) & 255)) * wd
+        )  # fmt: skip
+        mu = max(-(rx * nx + ry * ny + rz * nz), zero)
+        sun = nx * sx + ny * sy + nz * sz
+        day = min(max((sun + f32(0.06)) * f32(5.0), zero), one)
+        day = day * day
+        level = day * max(sun, f32(0.02))
+        # the Sun's glint on water, broad because of waves
+        hx, hy, hz = sx - rx, sy - ry, sz - rz
+        nh = max((nx * hx + ny * hy + nz * hz) / math.sqrt(hx * hx + hy * hy + hz * hz + f32(1e-6)), zero)
         nh = nh * nh
-    glint = gloss * nh * nh * day * np.float32(0.6)
-    warm = min(max(np.float32(0.25) - sun, zero) * np.float32(3.0), one)  # low Sun reddens
-    haze = np.float32(0.05) / (np.float32(0.05) + mu)
-    keep = one - haze
-    air = haze * level
-    red = keep * (gr * level + glint) + air * np.float32(0.30) * (one + warm)
-    green = keep * (gg * level * (one - np.float32(0.25) * warm) + glint) + air * np.float32(0.46)
-    blue = keep * (gb * level * (one - np.float32(0.45) * warm) + glint)
-    blue += air * np.float32(0.80) * (one - np.float32(0.4) * warm)
-    return red, green, blue
+        nh = nh * nh
+        nh = nh * nh
+        nh = nh * nh
+        nh = nh * nh
+        glint = gloss * nh * nh * day * f32(0.6)
+        warm = min(max(f32(0.25) - sun, zero) * f32(3.0), one)  # low Sun reddens
+        haze = f32(0.05) / (f32(0.05) + mu)
+        keep = one - haze
+        air = haze * level
+        red = keep * (gr * level + glint) + air * f32(0.30) * (one + warm)
+        green = keep * (gg * level * (one - f32(0.25) * warm) + glint) + air * f32(0.46)
+        blue = keep * (gb * level * (one - f32(0.45) * warm) + glint)
+        blue += air * f32(0.80) * (one - f32(0.4) * warm)
+        s[k], s[CHUNK + k] = film(red * exposure), film(green * exposure)
+        s[2 * CHUNK + k] = film(blue * exposure)
+    for k in range(np.uint64(n)):
+        share = sky[np.uint64(pixel[k])]
+        p = np.uint64(3) * np.uint64(pixel[k])
+        colour[p] += share * s[k]
+        colour[p + np.uint64(1)] += share * s[CHUNK + k]
+        colour[p + np.uint64(2)] += share * s[2 * CHUNK + k]
 
 
 @jit(nogil=True)
@@ -90,15 +118,6 @@ def _limb(rx, ry, rz, down, gap, sx, sy, sz):
 
 
 @jit(nogil=True)
-def _film(x):
-    """The tone curve of ``kernels_shade.tone_map``."""
-    return (
-        x * (np.float32(2.51) * x + np.float32(0.03))
-        / (x * (np.float32(2.43) * x + np.float32(0.59)) + np.float32(0.14))
-    )  # fmt: skip
-
-
-@jit(nogil=True)
 def paint_sky(row0, row1, width, sky, rot, view, light, earth, colour):
     """Add the sky's share to the band's pixels, tone-mapped like everything else."""
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -107,6 +126,9 @@ def paint_sky(row0, row1, width, sky, rot, view, light, earth, colour):
     exposure = light[15]
     ro2, air_top = np.float32(_RO * _RO), np.float32(_AIR_TOP)
     r00, r01, r02 = np.float32(rot[0, 0]), np.float32(rot[0, 1]), np.float32(rot[0, 2])
+    ray, s = np.empty(3 * CHUNK, np.float32), np.empty(5 * CHUNK, np.float32)
+    pixel, taps = np.empty(CHUNK, np.int32), np.empty(4 * CHUNK, np.int32)
+    found = 0
     for i in range(row1 - row0):
         dy = np.float32((row0 + i + 0.5 - view[3]) * inv_fy)
         bx = np.float32(rot[1, 0]) * dy + np.float32(rot[2, 0])
@@ -128,16 +150,18 @@ def paint_sky(row0, row1, width, sky, rot, view, light, earth, colour):
             inv = one / math.sqrt(rr)
             rx, ry, rz = rx * inv, (r01 * dx + by) * inv, (r02 * dx + bz) * inv
             red = green = blue = zero
-            meets = False
             if near_earth:
-                down = -rx
-                gap = ro2 * (one - down * down)  # squared distance of the ray from the Earth's centre
-                meets = gap < one
-                if meets:
-                    red, green, blue = _ground(rx, ry, rz, down, gap, sx, sy, sz, earth)
-                else:
-                    red, green, blue = _limb(rx, ry, rz, down, gap, sx, sy, sz)
-            if near_sun and not meets:
+                gap = ro2 * (one - rx * rx)  # squared distance of the ray from the Earth's centre
+                if gap < one:
+                    ray[found], ray[CHUNK + found], ray[2 * CHUNK + found] = rx, ry, rz
+                    pixel[found] = i * width + j
+                    found += 1
+                    if found == CHUNK:
+                        _ground(found, ray, pixel, sky, sx, sy, sz, exposure, earth, s, taps, colour)
+                        found = 0
+                    continue
+                red, green, blue = _limb(rx, ry, rz, -rx, gap, sx, sy, sz)
+            if near_sun:
                 away = one - along * inv
                 disc = away < np.float32(1.1e-5)  # cosine of the Sun's angular radius
                 flare = np.float32(40.0) if disc else np.float32(6e-6) / (away + np.float32(2e-6))
@@ -145,9 +169,10 @@ def paint_sky(row0, row1, width, sky, rot, view, light, earth, colour):
                 green += flare * np.float32(0.97)
                 blue += flare * np.float32(0.9)
             p = 3 * (i * width + j)
-            colour[p] += share * _film(red * exposure)
-            colour[p + 1] += share * _film(green * exposure)
-            colour[p + 2] += share * _film(blue * exposure)
+            colour[p] += share * film(red * exposure)
+            colour[p + 1] += share * film(green * exposure)
+            colour[p + 2] += share * film(blue * exposure)
+    _ground(found, ray, pixel, sky, sx, sy, sz, exposure, earth, s, taps, colour)
 
 
 @jit(nogil=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from lerobot_spacedock.station.materials import PATTERNS
 
-from .kernels_shade import LEVELS, PATTERN_TEXELS, TILE
+from .kernels_resolve import LEVELS, PATTERN_TEXELS, TILE
 
 
 class Canvas:
@@ -191,7 +191,7 @@ _PAINTERS = {
 
 
 def make_patterns() -> np.ndarray:
-    """Every pattern with its mip levels, in the order of ``PATTERNS``, flat uint32."""
+    """Every pattern with its mip levels, in the order of ``PATTERNS``, flat uint32; the level of side s is at s²."""
     out = np.zeros(len(PATTERNS) * PATTERN_TEXELS, np.uint32)
     for number, name in enumerate(PATTERNS):
         canvas = Canvas(1000 + number)
@@ -199,14 +199,13 @@ def make_patterns() -> np.ndarray:
         slope_u = 0.5 * (np.roll(canvas.height, -1, 1) - np.roll(canvas.height, 1, 1))
         slope_v = 0.5 * (np.roll(canvas.height, -1, 0) - np.roll(canvas.height, 1, 0))
         layers = [canvas.shade, canvas.second, slope_u * 0.25 + 128 / 255, slope_v * 0.25 + 128 / 255]
-        start = number * PATTERN_TEXELS
         for _level in range(LEVELS):
             packed = np.zeros(layers[0].shape, np.uint32)
             for place, layer in enumerate(layers):
                 # rounded twice, so that a last-digit difference between machines cannot reach a byte
                 byte = np.floor(np.round(np.clip(layer, 0, 1) * 255.0, 4) + 0.5).astype(np.uint32)
                 packed |= byte << np.uint32(8 * place)
+            start = number * PATTERN_TEXELS + packed.size
             out[start : start + packed.size] = packed.ravel()
-            start += packed.size
             layers = [0.25 * (a[::2, ::2] + a[1::2, ::2] + a[::2, 1::2] + a[1::2, 1::2]) for a in layers]
     return out.view(np.int32)  # the kernels read signed words: unsigned ones convert to float slowly

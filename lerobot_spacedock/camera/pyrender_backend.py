@@ -251,9 +251,9 @@ def _primitive(mesh, index: int):
 
 def _tile(material) -> np.ndarray:
     """A material's pattern in its colours, (256, 256, 3) uint8 sRGB."""
-    from .kernels_shade import PATTERN_TEXELS, TILE
+    from .kernels_resolve import PATTERN_TEXELS, TILE
 
-    start = PATTERNS.index(material.pattern) * PATTERN_TEXELS
+    start = PATTERNS.index(material.pattern) * PATTERN_TEXELS + TILE * TILE
     word = pattern_texels()[start : start + TILE * TILE].reshape(TILE, TILE)
     tint = 1.0 + material.tint * ((word & 255) / 127.5 - 1.0)
     share = ((word >> 8) & 255)[..., None] / 255.0

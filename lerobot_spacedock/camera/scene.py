@@ -13,10 +13,11 @@ import numpy as np
 
 from lerobot_spacedock.station import MATERIALS, StationMesh
 
-from .kernels_shade import TRIANGLE_SIZE
+from .kernels_resolve import TRIANGLE_SIZE
 from .openness import corner_openness
 
-CLUSTER_TRIANGLES = 96
+REGION_TRIANGLES = 768  # neighbours, sorted by the way they face
+CLUSTER_TRIANGLES = 64  # culled as one, within a region and facing one way
 SHADOW_LAYOUT = ((1.15, 1536), (7.0, 1536), (0.0, 2048))  # half width about the port m (0: all of it), texels a side
 MAX_SUNS = 4
 
@@ -32,6 +33,7 @@ class Scene:
     table: np.ndarray
     clusters: np.ndarray
     spheres: np.ndarray
+    cones: np.ndarray
     materials: np.ndarray
     lock: threading.Lock = field(default_factory=threading.Lock)
     shadows: OrderedDict = field(default_factory=OrderedDict)
@@ -64,7 +66,7 @@ class ShadowMaps:
 def build_scene(mesh: StationMesh) -> Scene:
     """Sort a mesh into clusters and work out its shading table."""
     corners = np.asarray(mesh.corners, np.float64)
-    order = _morton_order(corners.mean(axis=1))
+    order, starts = _cluster_order(corners, np.asarray(mesh.two_sided))
     corners = corners[order]
     normals = np.asarray(mesh.normals, np.float64)[order]
     uvs = np.asarray(mesh.uvs, np.float64)[order]
@@ -87,14 +89,8 @@ def build_scene(mesh: StationMesh) -> Scene:
         table[:, 3 + 3 * row : 6 + 3 * row] = block[:, 4 * row + 1 : 4 * row + 4]
     table[:, 24] = mesh.material[order]
     table[:, 25] = np.asarray(mesh.two_sided)[order]
-    starts = np.arange(0, len(corners), CLUSTER_TRIANGLES)
-    clusters = np.stack([starts, np.minimum(starts + CLUSTER_TRIANGLES, len(corners))], -1).astype(np.int32)
-    spheres = np.empty((len(clusters), 4), np.float32)
-    for k, (a, b) in enumerate(clusters):
-        points = corners[a:b].reshape(-1, 3)
-        centre = 0.5 * (points.min(0) + points.max(0))
-        spheres[k, :3] = centre
-        spheres[k, 3] = 1e-4 + 1.0001 * np.sqrt(_dot(points - centre, points - centre).max())
+    clusters = np.stack([starts, np.append(starts[1:], len(corners))], -1).astype(np.int32)
+    spheres, cones = _bounds(corners, normal, faces[:, 4] > 0.0, clusters)
     return Scene(
         mesh=mesh,
         corners=np.ascontiguousarray(corners.reshape(-1, 9), np.float32),
@@ -103,6 +99,7 @@ def build_scene(mesh: StationMesh) -> Scene:
         table=table,
         clusters=clusters,
         spheres=spheres,
+        cones=cones,
         materials=np.array([m.row() for m in MATERIALS], np.float32),
     )
 
@@ -174,6 +171,42 @@ def _cross(a, b) -> np.ndarray:
         ],
         -1,
     )
+
+
+def _cluster_order(corners: np.ndarray, two_sided: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Order of the triangles (F,), so that neighbours that face one way stand together, and the clusters' starts."""
+    order = _morton_order(corners.mean(axis=1))
+    cross = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[order]
+    axis = np.abs(cross).argmax(axis=1)
+    side = 2 * axis + (np.take_along_axis(cross, axis[:, None], 1)[:, 0] > 0.0)
+    side = np.where(two_sided[order], 6, side)
+    region = np.arange(len(order)) // REGION_TRIANGLES
+    group = 7 * region + side
+    by_group = np.argsort(group, kind="stable")
+    order, group = order[by_group], group[by_group]
+    first = np.flatnonzero(np.diff(group, prepend=-1))  # of each group
+    within = np.arange(len(order)) - np.repeat(first, np.diff(np.append(first, len(order))))
+    return order, np.flatnonzero(within % CLUSTER_TRIANGLES == 0)
+
+
+def _bounds(corners, normal, two_sided, clusters) -> tuple[np.ndarray, np.ndarray]:
+    """For each cluster a sphere (centre, radius in m) and a cone that holds its normals (axis, sine; 2 where none)."""
+    spheres = np.empty((len(clusters), 4), np.float32)
+    cones = np.full((len(clusters), 4), 2.0, np.float32)
+    for k, (a, b) in enumerate(clusters):
+        points = corners[a:b].reshape(-1, 3)
+        centre = 0.5 * (points.min(0) + points.max(0))
+        spheres[k, :3] = centre
+        spheres[k, 3] = 1e-4 + 1.0001 * np.sqrt(_dot(points - centre, points - centre).max())
+        axis = normal[a:b].sum(0)
+        length = np.sqrt(_dot(axis, axis))
+        if length < 1e-6 or two_sided[a:b].any():
+            continue
+        axis = axis / length
+        cos = _dot(normal[a:b], axis).min()
+        if cos > 0.02:
+            cones[k] = *axis, np.sqrt(max(0.0, 1.0 - cos * cos)) + 1e-4
+    return spheres, cones
 
 
 def _morton_order(points: np.ndarray) -> np.ndarray:

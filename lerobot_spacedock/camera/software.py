@@ -10,7 +10,8 @@ from lerobot_spacedock.errors import SimulationError
 
 from .config import CameraConfig
 from .exposure import light_array
-from .kernels_raster import BAND_ROWS, SAMPLE_X_4
+from .kernels_raster import tiles_of
+from .kernels_simd import samples_of
 from .pinhole import checked_pose, checked_sun, intrinsics, rotation_CH
 from .renderer import Buffers
 from .sensor import Sensor
@@ -28,7 +29,6 @@ class SoftwareRenderer:
             self._scene = shared_scene(config.port, config.detail, station_mesh, station_pose)
         k = intrinsics(config)
         self._view = np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2], config.near_m])
-        self._offsets = np.array(SAMPLE_X_4 if config.samples == 4 else (0.5,))
         self._sensor = Sensor(config) if config.sensor.active else None
         self._pad = self._sensor.pad if self._sensor else (0, 0)
         self._wide_view = self._view + np.array([0.0, 0.0, self._pad[1], self._pad[0], 0.0])
@@ -49,8 +49,9 @@ class SoftwareRenderer:
             image = self._image(r, rot, checked_sun(sun_H), generator)
         scene, config = self._scene, self.config
         depth, segment = draw_geometry(
-            scene.corners, scene.faces, scene.clusters, scene.spheres, scene.segment, rot, r, self._view,
-            config.width, config.height, np.float32(config.far_m), *_scratch(len(scene.corners)),
+            scene.corners, scene.faces, scene.clusters, scene.spheres, scene.cones, scene.segment, rot, r, self._view,
+            config.width, config.height, np.float32(config.far_m),
+            *_scratch(len(scene.corners), config.width, config.height, 1),
         )  # fmt: skip
         return Buffers(image, depth, segment)
 
@@ -71,10 +72,10 @@ class SoftwareRenderer:
         linear = np.empty((height, width, 3) if self._sensor else (0, 0, 3), np.float32)
         image = np.empty((config.height, config.width, 3), np.uint8)
         draw_frame(
-            scene.corners, scene.faces, scene.clusters, scene.spheres, scene.table, scene.materials,
+            scene.corners, scene.faces, scene.clusters, scene.spheres, scene.cones, scene.table, scene.materials,
             pattern_texels(), maps.maps, maps.start, maps.size, maps.affine, maps.reach, earth_texels(), star_table(),
-            star_gain, light, rot, r, self._wide_view, width, height, BAND_ROWS, self._offsets,
-            *_scratch(len(scene.corners)), linear.reshape(-1), image.reshape(-1),
+            star_gain, light, rot, r, self._wide_view, width, height, config.samples,
+            *_scratch(len(scene.corners), width, height, config.samples), linear.reshape(-1), image.reshape(-1),
         )  # fmt: skip
         return self._sensor.expose(linear, generator) if self._sensor else image
 
@@ -83,17 +84,25 @@ class _NoMaps:
     maps = np.zeros(1, np.float32)
     start = np.zeros(0, np.int64)
     size = np.zeros(0, np.int64)
-    affine = np.zeros((0, 13), np.float32)
+    affine = np.zeros((1, 13), np.float32)
     reach = np.zeros(2, np.float32)
 
 
 _NO_MAPS = _NoMaps()
 
 
-def _scratch(triangles: int) -> tuple[np.ndarray, np.ndarray]:
-    """Room for projected triangles, one a thread, shared by the thread's renderers."""
+def _scratch(triangles: int, width: int, height: int, samples: int) -> tuple[np.ndarray, ...]:
+    """Room for samples' depths and numbers, projected triangles and tiles: one a thread, shared by its renderers."""
+    shapes = (samples_of(width, height, samples),) * 2 + (2 * triangles, tiles_of(width, height, samples))
     room = getattr(_work, "room", None)
-    if room is None or len(room[0]) < 2 * triangles:
-        room = np.empty((2 * triangles, 6)), np.empty((2 * triangles, 4))
+    if room is None or any(len(a) < n for a, n in zip(room, shapes, strict=True)):
+        if room is not None:
+            shapes = tuple(max(len(a), n) for a, n in zip(room, shapes, strict=True))
+        room = (
+            np.empty(shapes[0], np.float32),
+            np.empty(shapes[1], np.int32),
+            np.empty((shapes[2], 4)),
+            np.empty(shapes[3], np.float32),
+        )
         _work.room = room
     return room
