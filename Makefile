@@ -21,7 +21,7 @@ $(BIN)/uv:
 
 $(INSTALLED): $(BIN)/uv pyproject.toml constraints.txt
 	@echo "installing into $(VENV) (5.5 GB the first time: torch comes with its CUDA libraries)"
-	@$(BIN)/uv pip install --python $(BIN)/python --constraint constraints.txt --editable '.[dev]'
+	@$(BIN)/uv pip install --compile-bytecode --python $(BIN)/python --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
 .PHONY: setup

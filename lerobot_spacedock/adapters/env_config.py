@@ -22,7 +22,7 @@ from lerobot_spacedock.adapters.evaluation_log import EvaluationLog, evaluation_
 from lerobot_spacedock.adapters.policy_record import policy_record
 from lerobot_spacedock.adapters.training_scalars import log_training_scalars
 from lerobot_spacedock.adapters.vector_env import LoggingAsyncVectorEnv, LoggingSyncVectorEnv
-from lerobot_spacedock.camera.config import CameraConfig
+from lerobot_spacedock.camera.config import CameraConfig, SensorConfig
 from lerobot_spacedock.env.config import CorridorConfig, SpaceDockConfig
 from lerobot_spacedock.env.registration import ENV_IDS
 from lerobot_spacedock.env.reward_config import RewardConfig
@@ -31,6 +31,31 @@ from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.physics.frames import ACTION_DIM
 
 DEFAULT_LOG_FOLDER = "episodes"  # inside --output_dir
+
+
+@dataclass(frozen=True)
+class SensorOptions(SensorConfig):
+    """``SensorConfig`` whose refusals LeRobot's commands print as one line."""
+
+    def __post_init__(self) -> None:
+        with option_errors():
+            super().__post_init__()
+
+
+@dataclass(frozen=True)
+class CameraOptions(CameraConfig):
+    """``CameraConfig`` whose refusals LeRobot's commands print as one line."""
+
+    sensor: SensorOptions = field(default_factory=SensorOptions)
+
+    def __post_init__(self) -> None:
+        with option_errors():
+            super().__post_init__()
+
+    def plain(self) -> CameraConfig:
+        """The same as the rest of the package has it."""
+        options = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return CameraConfig(**options | {"sensor": SensorConfig(**vars(self.sensor))})
 
 
 @EnvConfig.register_subclass("spacedock")
@@ -48,7 +73,7 @@ class SpaceDockEnvConfig(EnvConfig):
     # pixels_agent_pos | agent_pos | pixels; agent_pos renders nothing but the videos that LeRobot asks for
     obs_type: str = "pixels_agent_pos"
     # the camera: --env.camera.height, --env.camera.width, ...
-    camera: CameraConfig = field(default_factory=CameraConfig)
+    camera: CameraOptions = field(default_factory=CameraOptions)
     # software | pyrender
     renderer: str = "software"
     # fixed | random | orbit | eclipse: the Sun, as in the paper, drawn per episode, moving with the orbit, or hidden
@@ -127,6 +152,8 @@ class SpaceDockEnvConfig(EnvConfig):
         """Keywords for ``gymnasium.make``: every option but those left to the id."""
         names = {f.name for f in dataclasses.fields(SpaceDockConfig)} - {"env_id"}
         options = {name: getattr(self, name) for name in sorted(names)}
+        if isinstance(self.camera, CameraOptions):
+            options["camera"] = self.camera.plain()
         return {name: value for name, value in options.items() if value is not None}
 
     def space_dock_config(self) -> SpaceDockConfig:

@@ -31,7 +31,7 @@ def test_every_option_of_the_environment_is_an_option_here_with_the_same_default
         if field.name in of_the_id:
             assert ours[field.name].default is None
         else:
-            assert getattr(SpaceDockEnvConfig(), field.name) == getattr(SpaceDockConfig(), field.name)
+            assert SpaceDockEnvConfig().gym_kwargs.get(field.name) == getattr(SpaceDockConfig(), field.name)
 
 
 @pytest.mark.parametrize("task", ENV_IDS)
