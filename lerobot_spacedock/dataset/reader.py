@@ -16,7 +16,7 @@ from lerobot_spacedock.dataset.episode import log_of_rows
 from lerobot_spacedock.dataset.provenance import EpisodeRows, episode_rows, read_dataset_facts, terminal_state
 from lerobot_spacedock.dataset.statistics import column_array
 from lerobot_spacedock.episode_log import EpisodeLog
-from lerobot_spacedock.errors import FileFormatError
+from lerobot_spacedock.errors import FileFormatError, reading
 
 INDEX_COLUMNS = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 BATCH_ROWS = 4096
@@ -38,9 +38,10 @@ class Episode:
 
     def log(self) -> EpisodeLog:
         """As an episode log; without a terminal state in the provenance it ends a step earlier."""
-        metadata = json.loads(self.about["metadata"]) if self.about else {}
-        end = terminal_state(self.about) if self.about else None
-        return log_of_rows(self.rows, terminal_state=end, metadata=metadata)
+        with reading(f"episode {self.index} of the dataset", "an episode"):
+            metadata = json.loads(self.about["metadata"]) if self.about else {}
+            end = terminal_state(self.about) if self.about else None
+            return log_of_rows(self.rows, terminal_state=end, metadata=metadata)
 
 
 class DatasetReader:
@@ -56,10 +57,11 @@ class DatasetReader:
     def __init__(self, root: Path) -> None:
         self.root = root
         self.info = _read_json(root / "meta" / "info.json")
-        self.features: dict[str, dict[str, Any]] = self.info.get("features", {})
-        self.facts = read_dataset_facts(root)
-        self.about = episode_rows(root)
-        self.files, self.lengths = self._read_lengths()
+        with reading(root / "meta", "a dataset's metadata"):
+            self.features: dict[str, dict[str, Any]] = dict(self.info.get("features", {}))
+            self.facts = read_dataset_facts(root)
+            self.about = episode_rows(root)
+            self.files, self.lengths = self._read_lengths()
 
     @property
     def cameras(self) -> list[str]:
@@ -84,6 +86,10 @@ class DatasetReader:
         Raises:
             FileFormatError: a data file that cannot be read.
         """
+        with reading(self.root / "data", "a dataset"):
+            yield from self._iterate()
+
+    def _iterate(self) -> Iterator[Episode]:
         names = [name for name in self.features if name not in self.cameras]
         held: dict[str, list[np.ndarray]] | None = None
         current: int | None = None

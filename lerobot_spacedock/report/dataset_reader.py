@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from lerobot_spacedock.dataset import provenance, schema
 from lerobot_spacedock.dataset.episode import log_of_rows
 from lerobot_spacedock.episode_log import EpisodeLog
-from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.errors import FileFormatError, InputError, reading
 
 READ = (
     schema.STATE,
@@ -45,6 +45,10 @@ class DatasetEpisode:
         path = root / "meta" / "info.json"
         if not path.is_file():
             raise InputError("--dataset", str(root), "the root of a LeRobotDataset (with meta/info.json)")
+        with reading(path, "a dataset's description"):
+            self._open(path, episode)
+
+    def _open(self, path: Path, episode: int) -> None:
         self.info: dict[str, Any] = json.loads(path.read_text())
         if not str(self.info.get("codebase_version", "")).startswith("v3"):
             version = self.info.get("codebase_version")
@@ -56,6 +60,10 @@ class DatasetEpisode:
 
     def log(self) -> EpisodeLog:
         """The episode's states and commands; without the terminal state, where the dataset does not keep it."""
+        with reading(self.root, "a dataset"):
+            return self._log()
+
+    def _log(self) -> EpisodeLog:
         table = self._rows([name for name in READ if name in self.info["features"]] + ["timestamp"])
         rows = {name: np.array(table.column(name).to_pylist()) for name in table.column_names}
         time = rows.pop("timestamp").astype(np.float64)
@@ -73,6 +81,10 @@ class DatasetEpisode:
 
     def frames(self) -> Iterator[np.ndarray]:
         """uint8 (H, W, 3), one a row; nothing where the dataset has no camera."""
+        with reading(self.root, "a dataset"):
+            yield from self._frames()
+
+    def _frames(self) -> Iterator[np.ndarray]:
         feature = self.info["features"].get(schema.IMAGE)
         if feature is None:
             return
@@ -114,6 +126,10 @@ class DatasetEpisode:
     def _path(self, template: str, prefix: str, **words: str) -> Path:
         chunk, file = self.place[f"{prefix}/chunk_index"], self.place[f"{prefix}/file_index"]
         path = self.root / self.info[template].format(chunk_index=chunk, file_index=file, **words)
+        if not path.resolve().is_relative_to(self.root.resolve()):
+            raise FileFormatError(
+                f"{self.root / 'meta' / 'info.json'}: {template} leads out of the dataset, to {path}."
+            )
         if not path.is_file():
             raise FileFormatError(f"{path}: missing; episode {self.episode} is said to be in it.")
         return path

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.errors import FileFormatError, InputError, reading
 
 from .builder import SEGMENT_INDEX, SEGMENTS
 from .cache import cached_arrays
@@ -91,14 +92,12 @@ def load_station(path: str | Path, station_pose: np.ndarray | None = None) -> St
     transform = np.eye(4) if station_pose is None else checked_transform(station_pose)
     if not path.is_file():
         raise InputError("station_mesh", str(path), "a mesh file that exists (glb, gltf, obj, stl, ply)")
-    try:
+    with reading(path, "a station_mesh"):
+        if path.suffix.lower() == ".glb":
+            _check_counts(path)
         loaded = trimesh.load(path, force="mesh", process=False)
         corners = np.asarray(loaded.triangles, np.float64)
         normals = np.asarray(loaded.vertex_normals, np.float64)[np.asarray(loaded.faces)]
-    except Exception as error:  # trimesh's loaders raise whatever their parsers raise
-        raise FileFormatError(
-            f"station_mesh: {path} cannot be read as a mesh ({type(error).__name__}: {error})"
-        ) from error
     corners = corners @ transform[:3, :3].T + transform[:3, 3]
     normals = normals @ np.linalg.inv(transform[:3, :3])
     if len(corners) == 0 or not np.isfinite(corners).all():
@@ -128,6 +127,18 @@ def load_station(path: str | Path, station_pose: np.ndarray | None = None) -> St
         segment=np.full(f, SEGMENT_INDEX["user"], np.uint8),
         two_sided=np.ones(f, bool),
     )
+
+
+def _check_counts(path: Path) -> None:
+    """Refuses a binary glTF that claims more elements than it has bytes, before trimesh makes room for them."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        length = int.from_bytes(file.read(20)[12:16], "little")
+        header = json.loads(file.read(length) if length <= size else b"")
+    for kind, name in (("accessors", "count"), ("bufferViews", "byteLength"), ("buffers", "byteLength")):
+        for item in header.get(kind, ()):
+            if not 0 <= item.get(name, 0) <= size:
+                raise FileFormatError(f"station_mesh: {path}: {kind} claim {item[name]}; the file has {size} bytes")
 
 
 def checked_transform(given: object) -> np.ndarray:

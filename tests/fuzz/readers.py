@@ -5,6 +5,7 @@ A reader is given a file or a folder and may return, or raise a ``SpaceDockError
 
 from __future__ import annotations
 
+import importlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -160,34 +161,26 @@ def read_samples(path: Path) -> object:
 # ---- options
 
 
+CONFIGS = {  # file: where its options are declared, and a good file
+    "train": ("expert.train_config", "TrainExpertConfig", "output_dir: x\nactor: {lstm_size: 8}\nppo: {clip: 0.2}\n"),
+    "report": ("report.build", "ReportConfig", "runs: [A=x, B=y]\nresamples: 200\ntitle: T\nreference: null\n"),
+    "view": ("report.view", "ViewConfig", "log: a.parquet\nsave: b.rrd\nspeed: 4.0\ncamera: true\n"),
+    "sweep": ("study.config", "SweepConfig", "name: a\nseeds: [0, 1]\nlearning_rates: [1.0e-4]\nsampler: grid\n"),
+}
+
+
 def make_yaml(folder: Path) -> list:
-    texts = {
-        "train": "output_dir: x\ninteractions: 9\nactor:\n  lstm_size: 8\n  hidden_sizes: [8, 8]\nppo:\n  clip: 0.2\n",
-        "demos": "repo_id: a/b\nroot: x\nnum_episodes: 3\nkicks:\n  probability: 0.1\ncamera:\n  height: 12\n",
-        "report": "runs: [A=x, B=y]\nresamples: 200\ntitle: T\nreference: null\n",
-    }
-    for name, text in texts.items():
+    for name, (_, _, text) in CONFIGS.items():
         (folder / f"{name}.yaml").write_text(text)
-    return [(folder / f"{name}.yaml", mutations.yaml_text) for name in texts]
-
-
-VERB_OF_FILE = {"train.yaml": "train-expert", "demos.yaml": "demos", "report.yaml": "report", "sweep.yaml": "sweep"}
+    return [(folder / f"{name}.yaml", mutations.yaml_text) for name in CONFIGS]
 
 
 def read_yaml(path: Path) -> object:
-    from lerobot_spacedock.cli import VERBS, parse_config
+    from lerobot_spacedock.cli import parse_config
 
-    config_class, _ = VERBS[VERB_OF_FILE[path.name]].load()
+    module, name, _ = CONFIGS[path.stem]
+    config_class = getattr(importlib.import_module(f"lerobot_spacedock.{module}"), name)
     return parse_config(config_class, [f"--config_path={path}"], prog="spacedock")
-
-
-def make_sweep(folder: Path) -> list:
-    from lerobot_spacedock.cli import VERBS
-
-    config_class, _ = VERBS["sweep"].load()
-    del config_class
-    (folder / "sweep.yaml").write_text("root: x\n")
-    return [(folder / "sweep.yaml", mutations.yaml_text)]
 
 
 # ---- weights, meshes, datasets
@@ -225,15 +218,17 @@ def read_mesh(path: Path) -> object:
 
 def make_dataset(folder: Path) -> list:
     """A dataset of two episodes with pictures, as ``spacedock convert`` writes it."""
+    from lerobot_spacedock.camera.config import CameraConfig
     from lerobot_spacedock.dataset.convert import ConvertConfig, convert
+    from lerobot_spacedock.dataset.record import Storage
 
     (folder / "in").mkdir()
     np.savez(folder / "in" / "episode_0.npz", **some_arrays())
     np.savez(folder / "in" / "episode_1.npz", **some_arrays())
     root = folder / "dataset"
-    config = ConvertConfig(repo_id="a/b", root=str(root), path=str(folder / "in"), num_workers=1)
-    config.storage.kind = "image"
-    convert(config)
+    options = {"repo_id": "a/b", "root": str(root), "format": "npz", "num_workers": 1}
+    small, stored = CameraConfig(height=16, width=24), Storage(kind="image")
+    convert(ConvertConfig(source=str(folder / "in"), camera=small, storage=stored, **options))
     files = [(root / "meta" / name, mutations.json_text) for name in ("info.json", "spacedock.json")]
     found = [*(root / "meta").rglob("*.parquet"), *(root / "data").rglob("*.parquet")]
     return files + [(file, mutations.parquet) for file in sorted(found) if file.name != "tasks.parquet"]
@@ -256,8 +251,7 @@ READERS = (
     Reader("arrays (HDF5)", make_hdf5, read_arrays, needs=("h5py",)),
     Reader("episode logs (Parquet)", make_log, read_log),
     Reader("policy and training records (JSON)", make_samples, read_samples),
-    Reader("options (YAML)", make_yaml, read_yaml),
-    Reader("sweeps (YAML)", make_sweep, read_yaml),
+    Reader("options and sweeps (YAML)", make_yaml, read_yaml),
     Reader("expert checkpoints", make_checkpoint, read_checkpoint),
     Reader("station meshes (GLB)", make_mesh, read_mesh),
     Reader("LeRobotDatasets", make_dataset, read_dataset),

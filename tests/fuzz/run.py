@@ -54,7 +54,7 @@ def fuzz(reader: Reader, inputs: int, *, first: int = 0, keep: Path | None = Non
         process = context.Process(target=_work, args=(reader, at, first + inputs - at, there, keep))
         process.start()
         there.close()
-        part, last = None, at
+        part, last = None, None
         try:
             while True:
                 message = here.recv()
@@ -67,6 +67,8 @@ def fuzz(reader: Reader, inputs: int, *, first: int = 0, keep: Path | None = Non
         if part is not None:
             _join(result, part)
             break
+        if last is None:
+            raise RuntimeError(f"{reader.name}: the good files could not be made or read; see above")
         result.fail(f"crash (exit status {process.exitcode})", last, "the process ended")
         result.inputs += last + 1 - at
         at = last + 1
