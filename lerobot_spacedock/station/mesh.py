@@ -132,9 +132,14 @@ def load_station(path: str | Path, station_pose: np.ndarray | None = None) -> St
 def _check_counts(path: Path) -> None:
     """Refuses a binary glTF that claims more elements than it has bytes, before trimesh makes room for them."""
     size = path.stat().st_size
-    with path.open("rb") as file:
-        length = int.from_bytes(file.read(20)[12:16], "little")
-        header = json.loads(file.read(length) if length <= size else b"")
+    content = path.read_bytes()
+    at = 12
+    while at + 8 <= size:
+        length = int.from_bytes(content[at : at + 4], "little")
+        if at + 8 + length > size:
+            raise FileFormatError(f"station_mesh: {path}: a chunk claims {length} bytes; the file has {size}")
+        at += 8 + length
+    header = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
     for kind, name in (("accessors", "count"), ("bufferViews", "byteLength"), ("buffers", "byteLength")):
         for item in header.get(kind, ()):
             if not 0 <= item.get(name, 0) <= size:

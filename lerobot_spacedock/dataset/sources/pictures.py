@@ -9,6 +9,8 @@ import numpy as np
 
 from lerobot_spacedock.errors import FileFormatError, reading
 
+LARGEST_PIXELS = 50_000_000
+
 
 def read_picture(file: Path) -> np.ndarray:
     """One picture as uint8 (height, width, 3); an alpha channel is dropped, grey becomes RGB.
@@ -20,6 +22,8 @@ def read_picture(file: Path) -> np.ndarray:
 
     try:
         with reading(file, "a picture"), Image.open(file) as picture:
+            if picture.width * picture.height > LARGEST_PIXELS:
+                raise FileFormatError(f"{file}: {picture.width} x {picture.height} pixels; 50 million are the most.")
             return np.asarray(picture.convert("RGB"))
     except FileNotFoundError:
         raise FileFormatError(f"{file}: missing.") from None
