@@ -6,19 +6,26 @@ import json
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from lerobot_spacedock.errors import FileFormatError, InputError
-from lerobot_spacedock.report.figures.style import INK, Figure, Panel, run_style, write_paper_files
+from lerobot_spacedock.physics.contact import IDSS
+from lerobot_spacedock.report.figures.style import INK, LIMIT, Figure, Panel, run_style, write_paper_files
 from lerobot_spacedock.report.paper import ACCURACY, SMOOTHNESS
+
+PAPERS_TASK = "SpaceDock-v0/same"
+PAPERS_ACT = (SMOOTHNESS[1].mean, ACCURACY[1].distance_m[0])  # its rollouts from `same` starts
+LEROBOTS = 0.01  # LeRobot's and the authors' coefficient
 
 
 @dataclass
 class FigureConfig:
-    """Draws a sweep: one panel a kind of demonstration, one curve a chunk size, one point a coefficient."""
+    """Draws a sweep: a row a task, a panel a kind of demonstration, a curve a chunk size, a point a coefficient."""
 
     # JSON that spacedock sweep wrote; several are joined
     results: list[str] = field(default_factory=list)
@@ -26,29 +33,33 @@ class FigureConfig:
     out: str = "docs/images"
     # name of the files
     key: str = "sweep_frontier"
-    # the task whose distance and smoothness are drawn
-    task: str = "SpaceDock-v0/same"
+    # the tasks whose distance at the end and smoothness are drawn
+    tasks: list[str] = field(default_factory=lambda: ["SpaceDock-v0/same", "SpaceDockContact-v0/random"])
     # kinds of demonstrations, a panel each; by default all that are there
     demonstrations: list[str] = field(default_factory=list)
-    # coefficients; by default all that are there
-    coefficients: list[float] = field(default_factory=list)
 
 
 def sweep_figure(config: FigureConfig) -> int:
     """Runs the verb; see the module."""
     trials = read_trials([Path(path) for path in config.results])
-    curves = frontier(trials, config.task)
-    kinds = config.demonstrations or sorted({kind for kind, _ in curves})
-    chunks = sorted({chunk for _, chunk in curves})
-    missing = [kind for kind in kinds if not any(kind == known for known, _ in curves)]
-    if missing or not curves:
-        raise InputError("--demonstrations", missing, " ".join(sorted({kind for kind, _ in curves})) or "none")
+    by_task = {task: frontier(trials, task) for task in config.tasks}
+    for task, curves in by_task.items():
+        if not curves:
+            flown = sorted({row["task"] for trial in trials for row in trial["rows"]})
+            raise InputError("--tasks", task, " ".join(flown) or "a task of a sweep with a finished trial")
+    known = sorted({kind for curves in by_task.values() for kind, _ in curves})
+    kinds = config.demonstrations or known
+    chunks = sorted({chunk for curves in by_task.values() for _, chunk in curves})
+    missing = [kind for kind in kinds if kind not in known]
+    if missing:
+        raise InputError("--demonstrations", missing, " ".join(known))
     panels = tuple(
-        Panel(kind.replace("_", " "), lambda axes, kind=kind: _draw(axes, kind, chunks, curves, config.coefficients))
+        Panel(f"{kind.replace('_', ' ')}, {task}", partial(_draw, task=task, kind=kind, chunks=chunks, by_task=by_task))
+        for task in config.tasks
         for kind in kinds
     )
-    title = f"Distance against smoothness, {config.task}"
-    for path in write_paper_files(Figure(config.key, title, title, panels, columns=len(panels)), Path(config.out)):
+    title = "Distance at the end against smoothness"
+    for path in write_paper_files(Figure(config.key, title, title, panels, columns=len(kinds)), Path(config.out)):
         print(f"Wrote {path}")
     return 0
 
@@ -90,26 +101,45 @@ def frontier(
     }
 
 
-def _draw(axes: Any, kind: str, chunks: list[int], curves: dict, wanted: list[float]) -> None:
+def _draw(axes: Any, *, task: str, kind: str, chunks: list[int], by_task: dict[str, dict]) -> None:
     for place, chunk in enumerate(chunks):
-        rows = curves.get((kind, chunk))
+        rows = by_task[task].get((kind, chunk))
         if rows is None:
             continue
-        # from old predictions to new: along the curve the weight moves to the newest chunk
-        order = sorted(
-            (c for c in rows if not wanted or c is None or c in wanted), key=lambda c: -np.inf if c is None else c
-        )
-        x = [float(rows[c][0].mean()) for c in order]
-        y = [float(rows[c][1].mean()) for c in order]
+        # from new predictions to old along the curve: None is the newest chunk alone
+        order = sorted(rows, key=lambda coefficient: -np.inf if coefficient is None else coefficient)
+        means = np.array([[values.mean() for values in rows[coefficient]] for coefficient in order])
         style = run_style(place)
-        axes.plot(x, y, label=f"chunk {chunk}", markersize=4, linewidth=1.2, **style)
-        for c in order:
-            axes.plot(*rows[c], ".", color=style["color"], alpha=0.35, markersize=3)
-            if c == 0.01:  # LeRobot's and the authors' own
-                axes.plot(float(rows[c][0].mean()), float(rows[c][1].mean()), "o", ms=9, mfc="none", mec=style["color"])
-    rollouts = (SMOOTHNESS[1].mean, ACCURACY[1].distance_m[0])
-    axes.plot(*rollouts, "*", color=INK, markersize=11, label="paper's ACT (rollouts)", linestyle="none")
+        axes.plot(*means.T, label=f"chunk {chunk}", markersize=4, linewidth=1.2, **style)
+        for coefficient, mean in zip(order, means, strict=True):
+            axes.plot(*rows[coefficient], ".", color=style["color"], alpha=0.35, markersize=3)
+            if coefficient == LEROBOTS:
+                axes.plot(*mean, "o", markersize=10, markerfacecolor="none", markeredgecolor=style["color"])
+    if task == PAPERS_TASK:
+        axes.plot(*PAPERS_ACT, "*", color=INK, markersize=11, label="paper's ACT", linestyle="none")
+    else:
+        axes.axhline(IDSS.lateral_m, color=LIMIT, linewidth=0.9, linestyle="--", label="IDSS lateral limit")
+    axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_xlabel("smoothness, mean ‖Δa‖ (Eq. 4; less is smoother)")
-    axes.set_ylabel("mean ‖r_K‖ (m)")
+    _same_limits(axes, task, by_task)
+    axes.set_xlabel("mean ‖Δa‖, Eq. 4 (less is smoother)")
+    axes.set_ylabel("mean ‖r_K‖ (m)" if task == PAPERS_TASK else "mean distance at the end (m)")
     axes.legend(loc="best", fontsize=7.5)
+
+
+def _same_limits(axes: Any, task: str, by_task: dict[str, dict]) -> None:
+    """Every panel of a row has the same axes, with numbers as people write them."""
+    points = [np.array(PAPERS_ACT)[:, None]] if task == PAPERS_TASK else []
+    points += [np.array(numbers) for rows in by_task[task].values() for numbers in rows.values()]
+    together = np.concatenate(points, axis=1)
+    for low, high, set_limits, axis in zip(
+        together.min(axis=1),
+        together.max(axis=1),
+        (axes.set_xlim, axes.set_ylim),
+        (axes.xaxis, axes.yaxis),
+        strict=True,
+    ):
+        set_limits(low / 1.25, high * 1.25)
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())

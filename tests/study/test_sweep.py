@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from optuna.trial import TrialState
 
+from lerobot_spacedock.cli import parse_config
 from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig
 from lerobot_spacedock.dataset.flight import fly
 from lerobot_spacedock.episode_log import log_path, write_episode_log
@@ -22,6 +23,8 @@ from lerobot_spacedock.study.rollout import env_config
 from lerobot_spacedock.study.summarize import main
 from lerobot_spacedock.study.sweep import OWNER, POINT, open_study, requeue_abandoned, sweep
 from lerobot_spacedock.study.trial import summary
+
+SWEEPS = Path(__file__).parents[2] / "configs" / "sweeps"
 
 
 @pytest.fixture
@@ -122,6 +125,14 @@ def test_settings_that_cannot_be_are_refused_by_name(config, field, value):
         dataclasses.replace(config, **{field: value})
 
 
+@pytest.mark.parametrize("path", sorted(SWEEPS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_each_sweep_that_ships_can_be_read_and_names_itself(path):
+    config = parse_config(SweepConfig, [f"--config_path={path}"], prog="spacedock sweep")
+    assert config.name == path.stem
+    assert len(config.points()) > 3
+    assert f"--config_path=configs/sweeps/{path.name}" in path.read_text()
+
+
 def test_a_summary_counts_every_episode():
     row = {
         "crossed": True,
@@ -146,10 +157,13 @@ def test_the_figure_has_a_curve_for_each_chunk_with_all_its_seeds(config, monkey
     smoothness, distance = curves["kicked", 10][-0.3]
     np.testing.assert_allclose(smoothness, [1.8, 1.8])
     np.testing.assert_allclose(sorted(distance), [0.1, 0.101])
-    assert sweep_figure(FigureConfig(results=[config.results], out=str(tmp_path))) == 0
+    drawn = FigureConfig(results=[config.results], out=str(tmp_path), tasks=config.tasks)
+    assert sweep_figure(drawn) == 0
     assert (tmp_path / "sweep_frontier.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(InputError, match="tidy"):
-        sweep_figure(FigureConfig(results=[config.results], out=str(tmp_path), demonstrations=["tidy"]))
+        sweep_figure(dataclasses.replace(drawn, demonstrations=["tidy"]))
+    with pytest.raises(InputError, match="--tasks"):
+        sweep_figure(dataclasses.replace(drawn, tasks=["SpaceDockMeta-v0/same"]))
 
 
 def test_a_file_that_is_no_result_is_named(tmp_path):
