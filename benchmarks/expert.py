@@ -2,6 +2,7 @@
 
 python benchmarks/expert.py curves outputs/expert/meta_rl outputs/expert/feed_forward
 python benchmarks/expert.py adaptation --checkpoint outputs/expert/feed_forward/policy.safetensors
+python benchmarks/expert.py seeds outputs/expert/seed_0.json outputs/expert/seed_1.json outputs/expert/seed_2.json
 python benchmarks/expert.py speed
 """
 
@@ -104,6 +105,22 @@ def speed(counts: list[int], steps: int) -> None:
         print(f"| {name} | " + " | ".join(cells) + " |")
 
 
+def seeds(files: list[Path]) -> None:
+    """Each task's results over several training seeds, from what ``expert.evaluate --json`` wrote: value by value."""
+    runs = [{(row["policy"], row["task"]): row for row in json.loads(file.read_text())} for file in files]
+    columns = (
+        ("IDSS %", "idss_percent", 1.0, ".1f"),
+        ("miss mean, cm", "miss_mean_m", 100.0, ".1f"),
+        ("miss p99, cm", "miss_p99_m", 100.0, ".1f"),
+        ("smoothness", "smoothness_mean", 1.0, ".2f"),
+    )
+    print("| policy | task | " + " | ".join(name for name, *_ in columns) + " |")
+    print("|---" * (len(columns) + 2) + "|")
+    for key in runs[0]:
+        cells = [" / ".join(format(scale * run[key][name], spec) for run in runs) for _, name, scale, spec in columns]
+        print(f"| {key[0]} | {key[1]} | " + " | ".join(cells) + " |")
+
+
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -115,6 +132,8 @@ def main() -> None:
     verb.add_argument("--checkpoint", nargs="*", type=Path, default=[], help="others to set beside the shipped one")
     verb.add_argument("--episodes", type=int, default=1000)
     verb.add_argument("--every", type=int, default=9)
+    verb = verbs.add_parser("seeds", help=seeds.__doc__)
+    verb.add_argument("files", nargs="+", type=Path, help="one a training seed")
     verb = verbs.add_parser("speed", help=speed.__doc__)
     verb.add_argument("--counts", nargs="+", type=int, default=[1, 64, 1024])
     verb.add_argument("--steps", type=int, default=50)
@@ -123,6 +142,8 @@ def main() -> None:
         curves(arguments.folders, arguments.png)
     elif arguments.verb == "adaptation":
         adaptation(arguments.checkpoint, arguments.episodes, arguments.every)
+    elif arguments.verb == "seeds":
+        seeds(arguments.files)
     else:
         speed(arguments.counts, arguments.steps)
 
