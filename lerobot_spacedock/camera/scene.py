@@ -192,7 +192,7 @@ def _cluster_order(corners: np.ndarray, two_sided: np.ndarray) -> tuple[np.ndarr
 def _bounds(corners, normal, two_sided, clusters) -> tuple[np.ndarray, np.ndarray]:
     """For each cluster a sphere (centre, radius in m) and a cone that holds its normals (axis, sine; 2 where none)."""
     spheres = np.empty((len(clusters), 4), np.float32)
-    cones = np.full((len(clusters), 4), 2.0, np.float32)
+    cones = np.tile(np.float32([0.0, 0.0, 0.0, 2.0]), (len(clusters), 1))  # no axis: never turned away
     for k, (a, b) in enumerate(clusters):
         points = corners[a:b].reshape(-1, 3)
         centre = 0.5 * (points.min(0) + points.max(0))
