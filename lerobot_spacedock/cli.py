@@ -46,7 +46,9 @@ VERBS = {
     "check": Verb("dataset.check", "CheckConfig", "check", "check a dataset's integrity and physics"),
     "push": Verb("dataset.push", "PushConfig", "push", "publish a dataset with its card"),
     "report": Verb("report.build", "ReportConfig", "report", "tables and figures from episode logs"),
-    "sweep": Verb("study.sweep", "SweepConfig", "sweep", "vary demonstrations and ACT's settings, resumable, many machines"),
+    "sweep": Verb(
+        "study.sweep", "SweepConfig", "sweep", "vary demonstrations and the settings of ACT, resumable"
+    ),
     "sweep-figure": Verb("study.figure", "FigureConfig", "sweep_figure", "accuracy against smoothness of a sweep"),
     "view": Verb("report.view", "ViewConfig", "view", "look at episodes in the Rerun viewer"),
 }
@@ -113,6 +115,10 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
         if isinstance(error.__cause__, InputError):  # a config's own check, which names the field and the remedy
             raise error.__cause__ from None
         raise InputError(prog, str(error), " ".join(known)) from error
+    except InputError:
+        raise
+    except (AttributeError, KeyError, TypeError, ValueError) as error:  # draccus trips over a file of another shape
+        raise InputError("--config_path", f"{type(error).__name__}: {error}", "a YAML mapping of options") from error
     if unknown:
         flag = unknown[0].split("=", 1)[0]
         raise InputError(prog, unknown[0], " ".join(known), _suggestion(flag, known))

@@ -30,15 +30,17 @@ class Episode:
         index: of the episode.
         rows: columns by name, each (K, d); pictures are not among them.
         about: its row of ``provenance.EPISODES_FILE``, or nothing.
+        root: folder of the dataset.
     """
 
     index: int
     rows: dict[str, np.ndarray]
     about: dict[str, Any]
+    root: Path
 
     def log(self) -> EpisodeLog:
         """As an episode log; without a terminal state in the provenance it ends a step earlier."""
-        with reading(f"episode {self.index} of the dataset", "an episode"):
+        with reading(f"{self.root}, episode {self.index}", "an episode"):
             metadata = json.loads(self.about["metadata"]) if self.about else {}
             end = terminal_state(self.about) if self.about else None
             return log_of_rows(self.rows, terminal_state=end, metadata=metadata)
@@ -99,14 +101,14 @@ class DatasetReader:
             cuts = np.flatnonzero(np.diff(index)) + 1
             for start, stop in zip([0, *cuts], [*cuts, len(index)], strict=True):
                 if current is not None and index[start] != current:
-                    yield _episode(current, held, about)
+                    yield _episode(self.root, current, held, about)
                     held = None
                 current = int(index[start])
                 held = held or {name: [] for name in names}
                 for name in names:
                     held[name].append(batch[name][start:stop])
         if current is not None:
-            yield _episode(current, held, about)
+            yield _episode(self.root, current, held, about)
 
     def _batches(self, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
         for path in sorted((self.root / "data").glob("chunk-*/file-*.parquet")):
@@ -151,9 +153,9 @@ class _Cursor:
         return self.row if self.row and self.row["episode_index"] == index else {}
 
 
-def _episode(index: int, held: dict[str, list[np.ndarray]] | None, about: _Cursor) -> Episode:
+def _episode(root: Path, index: int, held: dict[str, list[np.ndarray]] | None, about: _Cursor) -> Episode:
     rows = {name: np.concatenate(parts) for name, parts in (held or {}).items()}
-    return Episode(index, rows, about.at(index))
+    return Episode(index, rows, about.at(index), root)
 
 
 def _read_json(path: Path) -> dict[str, Any]:

@@ -89,7 +89,7 @@ BROKEN_RAW = {
         lambda f: (f / "imgs" / "img_traj_1_step_4.png").write_bytes(
             (f / "imgs" / "img_traj_1_step_4.png").read_bytes()[:90]
         ),
-        r"img_traj_1_step_4\.png: not a readable picture",
+        r"img_traj_1_step_4\.png: not readable as a picture",
     ),
     "not a picture": (lambda f: (f / "imgs" / "img_traj_1_step_0.png").write_text("hello"), r"img_traj_1_step_0\.png"),
     "not text": (lambda f: (f / "states" / "trajectory_1.csv").write_bytes(b"\xff\xfe\x00time"), r"trajectory_1\.csv"),
