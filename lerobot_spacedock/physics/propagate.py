@@ -28,7 +28,13 @@ from lerobot_spacedock.physics.constants import MEAN_MOTION_rad_s
 from lerobot_spacedock.physics.frames import ACTION_DIM, STATE_DIM
 from lerobot_spacedock.physics.relative_motion import SMALL_ANGLE_rad, sine_cosine, small_sine_cosine
 from lerobot_spacedock.physics.rigid_body import axpy, cross, multiply_matrix, scaled
-from lerobot_spacedock.physics.substep import executed, shift_point, substep_general, substep_isotropic
+from lerobot_spacedock.physics.substep import (
+    executed,
+    halves_general,
+    halves_isotropic,
+    shift_point,
+    substep,
+)
 
 SUBSTEP_ANGLE_rad = 0.03  # whole episodes then stay within 1e-6 m and 1e-8 rad (tests/physics/test_propagate.py)
 MAX_SUBSTEPS = 4096
@@ -135,13 +141,12 @@ def propagate_row(state, action, step_s, parameters, row, mean_motion_rad_s, hil
     frame = (cosine, sine)
     for _ in range(count):
         if simple:
-            r, v, mass, q, omega = substep_isotropic(
-                r, v, mass, q, omega, thrust, acceleration, flow, h, n, per_n, quarter, half, frame
-            )
+            first, second = halves_isotropic(omega, acceleration, h)
         else:
-            r, v, mass, q, omega = substep_general(
-                r, v, mass, q, omega, thrust, torque, inertia, inverse, flow, h, n, per_n, quarter, half, frame
-            )
+            first, second = halves_general(omega, torque, inertia, inverse, h)
+        r, v, mass, q, omega = substep(
+            r, v, mass, q, omega, thrust, flow, first, second, h, n, per_n, quarter, half, frame
+        )
     if not simple:
         r, v = shift_point(r, v, q, omega, offset, -1.0, frame_rate)
     return (
@@ -262,8 +267,9 @@ def propagate_block(block, lanes, mean_motion_rad_s, hill_coupling):
             sine, cosine = small_sine_cosine(0.25 * frame_rate * h)
             one = is_one_substep(squared_turn(omega, acceleration, h), h)
             usual = one & (abs(0.25 * n * h) < SMALL_ANGLE_rad) & (get(b, at + p.SIMPLE, k) != 0.0)
-            r, v, mass, q, omega = substep_isotropic(
-                r, v, mass, q, omega, thrust, acceleration, flow, h, n, per_n, quarter, doubled(quarter),
+            first, second = halves_isotropic(omega, acceleration, h)
+            r, v, mass, q, omega = substep(
+                r, v, mass, q, omega, thrust, flow, first, second, h, n, per_n, quarter, doubled(quarter),
                 (cosine, sine),
             )  # fmt: skip
             keep_lane(b, k, r, v, mass, q, omega, usual)
@@ -286,9 +292,10 @@ def propagate_block(block, lanes, mean_motion_rad_s, hill_coupling):
             sine, cosine = small_sine_cosine(0.25 * frame_rate * h)
             one = is_one_substep(squared_turn(omega, acceleration, h), h)
             usual = one & (abs(0.25 * n * h) < SMALL_ANGLE_rad) & (get(b, at + p.SIMPLE, k) == 0.0)
-            r, v, mass, q, omega = substep_general(
-                r, v, mass, q, omega, thrust, torque, inertia, inverse, flow, h, n, per_n, quarter,
-                doubled(quarter), (cosine, sine),
+            first, second = halves_general(omega, torque, inertia, inverse, h)
+            r, v, mass, q, omega = substep(
+                r, v, mass, q, omega, thrust, flow, first, second, h, n, per_n, quarter, doubled(quarter),
+                (cosine, sine),
             )  # fmt: skip
             r, v = shift_point(r, v, q, omega, offset, -1.0, frame_rate)
             keep_lane(b, k, r, v, mass, q, omega, usual)

@@ -50,14 +50,14 @@ def translate(r, v, starts, middles, ends, h, n, per_n, quarter, half):
 
 
 @jit(forceinline=True)
-def substep_isotropic(r, v, mass, q, omega, thrust, acceleration, flow, h, n, per_n, quarter, half, frame):
-    """One substep of a chaser whose inertia is a multiple of the identity.
+def substep(r, v, mass, q, omega, thrust, flow, first, second, h, n, per_n, quarter, half, frame):
+    """One substep: turned in two halves, moved under the thrust as it stands at start, middle and end.
 
     Args:
         r, v, mass, q, omega: the state, tuples, SI; of the centre of mass.
         thrust: N, 3-tuple, body axes, executed.
-        acceleration: rad/s², 3-tuple, body axes: torque over inertia.
         flow: kg/s, negative.
+        first, second: rates in the middle and at the end of each half, as from ``halves_isotropic``.
         frame: (cosine, sine) of half the angle by which the attitude's frame turns in ``h / 2``; the rest as
             ``translate``'s.
 
@@ -65,41 +65,27 @@ def substep_isotropic(r, v, mass, q, omega, thrust, acceleration, flow, h, n, pe
         (r, v, mass, q, omega) after ``h``.
     """
     starts = rotate_vector(q, scaled(1.0 / mass, thrust))
-    middle, end = isotropic_rates(omega, acceleration, 0.5 * h)
-    q, omega = follow_rates(q, omega, middle, end, 0.5 * h), end
-    q = turned_frame(q, frame[0], frame[1])
+    q = turned_frame(follow_rates(q, omega, first[0], first[1], 0.5 * h), frame[0], frame[1])
     middles = rotate_vector(q, scaled(1.0 / (mass + 0.5 * h * flow), thrust))
-    middle, end = isotropic_rates(omega, acceleration, 0.5 * h)
-    q, omega = follow_rates(q, omega, middle, end, 0.5 * h), end
-    q = turned_frame(q, frame[0], frame[1])
+    q = turned_frame(follow_rates(q, first[1], second[0], second[1], 0.5 * h), frame[0], frame[1])
     mass = mass + h * flow
     ends = rotate_vector(q, scaled(1.0 / mass, thrust))
     r, v = translate(r, v, starts, middles, ends, h, n, per_n, quarter, half)
-    return r, v, mass, q, omega
+    return r, v, mass, q, second[1]
 
 
 @jit(forceinline=True)
-def substep_general(
-    r, v, mass, q, omega, thrust, torque, inertia, inverse, flow, h, n, per_n, quarter, half, frame
-):  # fmt: skip
-    """One substep of a chaser with any inertia.
+def halves_isotropic(omega, acceleration, h):
+    """Rates in the two halves of ``h``, the inertia a multiple of the identity; acceleration: torque over it."""
+    first = isotropic_rates(omega, acceleration, 0.5 * h)
+    return first, isotropic_rates(first[1], acceleration, 0.5 * h)
 
-    Args:
-        torque: N·m, 3-tuple, body axes, executed, about the centre of mass.
-        inertia, inverse: 9-tuples, row-major, kg·m² and its inverse; the rest as ``substep_isotropic``'s.
-    """
-    starts = rotate_vector(q, scaled(1.0 / mass, thrust))
-    middle, end = general_rates(omega, torque, 0.5 * h, inertia, inverse)
-    q, omega = follow_rates(q, omega, middle, end, 0.5 * h), end
-    q = turned_frame(q, frame[0], frame[1])
-    middles = rotate_vector(q, scaled(1.0 / (mass + 0.5 * h * flow), thrust))
-    middle, end = general_rates(omega, torque, 0.5 * h, inertia, inverse)
-    q, omega = follow_rates(q, omega, middle, end, 0.5 * h), end
-    q = turned_frame(q, frame[0], frame[1])
-    mass = mass + h * flow
-    ends = rotate_vector(q, scaled(1.0 / mass, thrust))
-    r, v = translate(r, v, starts, middles, ends, h, n, per_n, quarter, half)
-    return r, v, mass, q, omega
+
+@jit(forceinline=True)
+def halves_general(omega, torque, inertia, inverse, h):
+    """Rates in the two halves of ``h`` with any inertia (9-tuples, row-major, kg·m² and its inverse)."""
+    first = general_rates(omega, torque, 0.5 * h, inertia, inverse)
+    return first, general_rates(first[1], torque, 0.5 * h, inertia, inverse)
 
 
 @jit(forceinline=True)
