@@ -1,9 +1,10 @@
-"""All benchmarks in one table: each measurement beside a named peer or floor of the same run.
+"""The benchmarks in one table: each measurement beside a named peer or floor of the same run.
 
     python benchmarks [--quick] [--only simulator,frame]
 
 `--quick` takes fewer repeats (minutes instead of half an hour); a peer that is not installed is named as such
-(`pip install "lerobot_env_spacedock[bench]"` brings them). Each file of this folder also runs alone, with more detail.
+(`pip install "lerobot_env_spacedock[bench]"` brings them). Each file of this folder also runs alone, with more detail;
+`dataset.py`, `dataset_scale.py`, `dataset_codec.py` and `report.py`, which take minutes each, run alone only.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from collections.abc import Iterator
 
 from table import Row, show
 
-PARTS = ("imports", "simulator", "frame", "flights", "dataset", "report", "training")
+PARTS = ("imports", "simulator", "frame", "flights", "training")
 
 
 def rows(names: list[str], quick: bool) -> Iterator[Row]:

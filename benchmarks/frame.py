@@ -19,10 +19,12 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import gymnasium
 import numpy as np
+from table import Row
 
 import lerobot_spacedock  # noqa: F401  registers the environments
 from lerobot_spacedock.camera import FIXED_SUN_H, CameraConfig, make_renderer
@@ -147,6 +149,25 @@ def table(quick: bool) -> None:
         "frames a second and core: "
         + ", ".join(f"{h} x {w}: {1e3 / base[h, w]:.0f} (target {TARGET_FPS[h, w]})" for h, w in SIZES)
     )
+
+
+def rows(quick: bool = False) -> Iterator[Row]:
+    """The benchmarks' table: a frame of the software renderer beside other renderers' at each size."""
+    peers = (
+        ("pyrender, shadow map", lambda size: ours("pyrender", size, 1)),
+        ("an empty OpenGL frame", lambda size: empty_gl(size, 2)),
+        ("gym-aloha (MuJoCo)", lambda size: aloha(size, 1)),
+    )
+    for size in SIZES[-1:] if quick else SIZES:
+        name = f"frame, {size[0]} × {size[1]}, low detail, 4 samples"
+        software = ours("software", size, 2 if quick else 7)
+        step = env_step(size, 2 if quick else 7)
+        yield Row(f"environment step with a {name}", step, "ms CPU", "the frame alone", software)
+        for peer, measure in peers:
+            try:
+                yield Row(name, software, "ms CPU", peer, measure(size))
+            except (ImportError, MissingDependencyError) as error:
+                yield Row(name, software, "ms CPU", f"{peer}: {str(error).split('.')[0]}")
 
 
 def startup() -> None:
