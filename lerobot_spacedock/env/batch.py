@@ -36,7 +36,6 @@ Task = namedtuple(
 
 
 _OBSERVED = np.array(OBSERVATION_INDICES)
-_ALL_COLUMNS = np.arange(STATE_DIM)
 _NOTHING = np.zeros((0, len(_OBSERVED)), dtype=np.float32)
 
 
@@ -103,7 +102,6 @@ class BatchedSpaceDock:
         )
         self._blocks = 1 if threads <= 1 else min(4 * threads, count)
         self._grid = np.zeros(0)
-        self._full_observation = np.zeros((count, STATE_DIM))
         self._all_rows = np.arange(count)
 
     # --- episodes -------------------------------------------------------------------------------------------------
@@ -194,13 +192,7 @@ class BatchedSpaceDock:
         Args:
             columns: indices into ``frames.STATE_NAMES`` of the values wanted, if others; (M,) int64.
         """
-        return self._read(np.empty((self.count, len(columns)), dtype=np.float32), columns)
-
-    def observe_full(self) -> np.ndarray:
-        """(N, 14) float64: the same with the mass; overwritten by the next call."""
-        return self._read(self._full_observation, _ALL_COLUMNS)
-
-    def _read(self, out: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        out = np.empty((self.count, len(columns)), dtype=np.float32)
         if self._blocks > 1:
             kernels.observe_parallel(self._blocks, self.sim, out, columns)
         else:
