@@ -46,9 +46,7 @@ VERBS = {
     "check": Verb("dataset.check", "CheckConfig", "check", "check a dataset's integrity and physics"),
     "push": Verb("dataset.push", "PushConfig", "push", "publish a dataset with its card"),
     "report": Verb("report.build", "ReportConfig", "report", "tables and figures from episode logs"),
-    "sweep": Verb(
-        "study.sweep", "SweepConfig", "sweep", "vary demonstrations and the settings of ACT, resumable"
-    ),
+    "sweep": Verb("study.sweep", "SweepConfig", "sweep", "vary demonstrations and the settings of ACT, resumable"),
     "sweep-figure": Verb("study.figure", "FigureConfig", "sweep_figure", "accuracy against smoothness of a sweep"),
     "view": Verb("report.view", "ViewConfig", "view", "look at episodes in the Rerun viewer"),
 }

@@ -1,6 +1,6 @@
 """The simulator's inner loops: reset, step and observe, over rows of a batch. Numba; no Python object in them.
 
-A step and a reading go block by block (``physics.propagate``): rows of the simulation are laid out as the lanes of a
+A step and a reading go block by block (``physics.block``): rows of the simulation are laid out as the lanes of a
 small scratch array, so that loops without a branch over the lanes become vector instructions. What a lane holds does
 not depend on its neighbours, nor does the arithmetic: one row flies as a million do, to the bit.
 """
@@ -35,9 +35,7 @@ from lerobot_spacedock.env.termination import (
     time_of_crossing,
 )
 from lerobot_spacedock.jit import jit
-from lerobot_spacedock.physics.chaser import PARAMETER_DIM
-from lerobot_spacedock.physics.frames import ACTION_DIM, STATE_DIM
-from lerobot_spacedock.physics.propagate import (
+from lerobot_spacedock.physics.block import (
     BLOCK_ACTION,
     BLOCK_AFTER,
     BLOCK_CHASER,
@@ -51,13 +49,14 @@ from lerobot_spacedock.physics.propagate import (
     get4,
     get6,
     get14,
-    propagate_block,
-    propagate_row,
     put,
     put3,
     put4,
     put14,
 )
+from lerobot_spacedock.physics.chaser import PARAMETER_DIM
+from lerobot_spacedock.physics.frames import ACTION_DIM, STATE_DIM
+from lerobot_spacedock.physics.propagate import propagate_block, propagate_row
 from lerobot_spacedock.physics.rigid_body import (
     axpy,
     multiply_quaternions,
