@@ -30,8 +30,9 @@ def find_dataset(name: str) -> Path:
     raise InputError(
         "init_from",
         name,
-        f"a dataset's folder (with meta/info.json), or the repo id of one under {home}",
-        "Make one with: spacedock demos",
+        "a checkpoint of another training (a folder with training.safetensors), a dataset's folder (with "
+        f"meta/info.json), or the repo id of one under {home}",
+        "Make a dataset with: spacedock demos",
     )
 
 

@@ -22,6 +22,7 @@ from lerobot_spacedock import __version__
 from lerobot_spacedock.env.config import TaskConfig
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.expert.checkpoint import save_actor, write_json
+from lerobot_spacedock.expert.demonstrations import find_dataset
 from lerobot_spacedock.expert.evaluate import TASKS, VALIDATION_SEED, fly
 from lerobot_spacedock.expert.imitate import freeze_actor, imitate
 from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
@@ -136,6 +137,8 @@ def _prepare(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) 
         raise InputError("resume", str(output), "an output_dir with checkpoints/", "Start without --resume=true.")
     if torch.device(config.device).type == "cuda" and not torch.cuda.is_available():
         raise InputError("device", config.device, "cpu, or cuda where torch sees a GPU")
+    if config.init_from is not None and not starts_from_checkpoint(config):
+        find_dataset(config.init_from)
     output.mkdir(parents=True, exist_ok=True)
     if not config.resume:
         write_json(output / "config.json", resolved)

@@ -126,6 +126,12 @@ def test_a_training_that_starts_from_demonstrations(tmp_path):
     assert account["interactions"] == 960
 
 
+def test_a_mistyped_start_leaves_no_folder_behind(tmp_path):
+    with pytest.raises(InputError, match="a checkpoint of another training"):
+        train_expert(small(tmp_path, init_from=str(tmp_path / "nothing")))
+    assert not (tmp_path / "out").exists()
+
+
 def test_what_is_refused(tmp_path, monkeypatch):
     monkeypatch.setenv("HF_LEROBOT_HOME", str(tmp_path))
     with pytest.raises(InputError, match=r"meta/info.json"):
