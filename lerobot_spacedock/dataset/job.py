@@ -9,7 +9,6 @@ The dataset appears under its own name only when it is complete.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import shutil
@@ -21,6 +20,7 @@ from typing import Any
 from lerobot_spacedock.dataset.record import DatasetLayout, free_space
 from lerobot_spacedock.dataset.sources import EpisodeRef
 from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.lock import only_process
 
 MAX_SHARD_EPISODES = 50
 
@@ -121,19 +121,8 @@ class Job:
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
         """Keeps a second process from working in the same folder; released by the system if this one dies."""
-        self.folder.parent.mkdir(parents=True, exist_ok=True)
-        path = self.root.with_name(f".{self.root.name}.lock")
-        with path.open("w") as stream:
-            try:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise InputError(
-                    "--root", str(self.root), "a folder that no other process is writing", "Wait for it to end."
-                ) from None
-            try:
-                yield
-            finally:
-                path.unlink(missing_ok=True)
+        with only_process(self.root, "--root"):
+            yield
 
     @contextlib.contextmanager
     def disk_errors(self) -> Iterator[None]:

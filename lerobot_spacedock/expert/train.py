@@ -36,6 +36,7 @@ from lerobot_spacedock.expert.train_state import (
     save_checkpoint,
 )
 from lerobot_spacedock.expert.training_tasks import TrainingTasks
+from lerobot_spacedock.lock import only_process
 
 __all__ = ["TrainExpertConfig", "train_expert"]
 
@@ -51,9 +52,10 @@ def train_expert(config: TrainExpertConfig) -> int:
     """
     output = Path(config.output_dir)
     resolved = json.loads(json.dumps(asdict(config)))
-    _prepare(config, output, resolved)
-    with _fast_arithmetic(config.threads):
-        _train(config, output, resolved)
+    with only_process(output, "--output_dir"):
+        _prepare(config, output, resolved)
+        with _fast_arithmetic(config.threads):
+            _train(config, output, resolved)
     return 0
 
 
@@ -79,14 +81,14 @@ def _train(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) ->
         "evaluate_s": 0.0, "imitation_s": 0.0, "demonstration_frames": 0, "smoothness_price": 1.0,
         "curve": [],
     }  # fmt: skip
-    if config.resume:
+    if config.resume and checkpoints(output / "checkpoints"):
         progress |= load_checkpoint(output / "checkpoints", algorithm, resolved)
     elif starts_from_checkpoint(config):
         load_networks(Path(config.init_from), algorithm)
     elif config.init_from is not None:
         progress |= imitate(config, algorithm)
 
-    writer = SummaryWriter(str(output / "tensorboard"), purge_step=progress["interactions"] or None)
+    writer = SummaryWriter(str(output / "tensorboard"), purge_step=progress["interactions"] if config.resume else None)
     stop_at = config.iterations
     if config.stop_after:
         stop_at = min(stop_at, config.stop_after)
@@ -133,14 +135,15 @@ def _prepare(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) 
             "a folder that does not exist yet",
             "Give another --output_dir, or --resume=true to go on from its last checkpoint.",
         )
-    if config.resume and not checkpoints(output / "checkpoints"):
-        raise InputError("resume", str(output), "an output_dir with checkpoints/", "Start without --resume=true.")
+    begun = any(output.glob("config.json*"))  # and perhaps killed before its first checkpoint
+    if config.resume and not begun:
+        raise InputError("resume", str(output), "the output_dir of a training", "Start without --resume=true.")
     if torch.device(config.device).type == "cuda" and not torch.cuda.is_available():
         raise InputError("device", config.device, "cpu, or cuda where torch sees a GPU")
     if config.init_from is not None and not starts_from_checkpoint(config):
         find_dataset(config.init_from)
     output.mkdir(parents=True, exist_ok=True)
-    if not config.resume:
+    if not checkpoints(output / "checkpoints"):
         write_json(output / "config.json", resolved)
 
 

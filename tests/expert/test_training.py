@@ -17,6 +17,7 @@ from lerobot_spacedock.expert.train import desired_kl, mean_change_coef, smoothn
 from lerobot_spacedock.expert.train_config import ActorConfig, PpoConfig, TaskShare, TrainExpertConfig
 from lerobot_spacedock.expert.train_state import checkpoints, export_actor, load_networks
 from lerobot_spacedock.expert.training_tasks import TRAINING_SEEDS_FROM, TrainingTasks
+from lerobot_spacedock.lock import only_process
 
 
 def small(folder: Path, **changes) -> TrainExpertConfig:
@@ -221,11 +222,27 @@ def test_schedules():
     assert mean_change_coef(config, 0.8) == pytest.approx(0.2)
 
 
+def test_killed_before_its_first_checkpoint_it_starts_again_with_the_same_command(tmp_path):
+    whole, cut = small(tmp_path / "whole", interactions=2 * 8 * 10), small(tmp_path / "cut", interactions=2 * 8 * 10)
+    train_expert(whole)
+    (tmp_path / "cut").mkdir()
+    (tmp_path / "cut" / "config.json.part").write_text("{")  # what a kill at the very start leaves
+    with pytest.raises(InputError, match="--resume=true"):
+        train_expert(cut)
+    train_expert(replace(cut, resume=True))
+    assert all(torch.equal(a, weights(tmp_path / "cut")[key]) for key, a in weights(tmp_path / "whole").items())
+
+
+def test_two_trainings_do_not_share_a_folder(tmp_path):
+    with only_process(tmp_path / "a", "--output_dir"), pytest.raises(InputError, match="no other process is writing"):
+        train_expert(small(tmp_path / "a"))
+
+
 def test_what_is_refused(tmp_path):
     train_expert(small(tmp_path / "done", stop_after=1))
     with pytest.raises(InputError, match="does not exist yet"):
         train_expert(small(tmp_path / "done"))
-    with pytest.raises(InputError, match="checkpoints/"):
+    with pytest.raises(InputError, match="output_dir of a training"):
         train_expert(small(tmp_path / "none", resume=True))
     with pytest.raises(FileFormatError, match="num_envs"):
         train_expert(small(tmp_path / "done", resume=True, num_envs=16))

@@ -1,0 +1,38 @@
+"""One process at a time in a folder."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from lerobot_spacedock.errors import InputError
+
+
+@contextlib.contextmanager
+def only_process(folder: Path, flag: str) -> Iterator[None]:
+    """Keeps a second process from writing ``folder``; released by the system if this one dies.
+
+    Args:
+        folder: need not exist; the lock is a file beside it.
+        flag: by which the user named the folder.
+
+    Raises:
+        InputError: another process holds it.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    path = folder.with_name(f".{folder.name}.lock")
+    with path.open("w") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            held = os.path.samestat(os.fstat(stream.fileno()), path.stat())  # not of a file that its holder removed
+        except (BlockingIOError, FileNotFoundError):
+            held = False
+        if not held:
+            raise InputError(flag, str(folder), "a folder that no other process is writing", "Wait for it to end.")
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
