@@ -36,18 +36,22 @@ def changes(
     return found
 
 
+def load_pictures(
+    dataset_root: Path, num_frames: int, seed: int = 0
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Frames drawn from a dataset: pictures (F, 3, H, W) in [0, 1], states (F, 13 or 7), actions (F, 6)."""
+    dataset = LeRobotDataset("spacedock/pictures", root=dataset_root)
+    index = np.random.default_rng(seed).choice(len(dataset), size=min(num_frames, len(dataset)), replace=False)
+    items = [dataset[int(i)] for i in index]
+    pictures, states, actions = (torch.stack([item[name] for item in items]) for name in (CAMERA, OBS_STATE, ACTION))
+    return pictures.float() / 255.0 if pictures.dtype == torch.uint8 else pictures, states, actions
+
+
 def picture_use(checkpoint: Path, dataset_root: Path, *, num_frames: int = 256, seed: int = 0) -> dict[str, Any]:
     """Loads a stock ACT checkpoint and gives ``changes`` over frames drawn from a dataset with pictures."""
     policy = ACTPolicy.from_pretrained(checkpoint).eval()
     before, after = make_pre_post_processors(policy.config, pretrained_path=str(checkpoint))
-    dataset = LeRobotDataset("spacedock/pictures", root=dataset_root)
-    rng = np.random.default_rng(seed)
-    index = rng.choice(len(dataset), size=min(num_frames, len(dataset)), replace=False)
-    items = [dataset[int(i)] for i in index]
-    pictures = torch.stack([item[CAMERA] for item in items])
-    if pictures.dtype == torch.uint8:
-        pictures = pictures.float() / 255.0
-    states = torch.stack([item[OBS_STATE] for item in items])
+    pictures, states, labels = load_pictures(dataset_root, num_frames, seed)
     mean = pictures.mean(dim=(0, 2, 3), keepdim=True)
 
     @torch.no_grad()
@@ -65,7 +69,7 @@ def picture_use(checkpoint: Path, dataset_root: Path, *, num_frames: int = 256, 
             commands(pictures),
             commands(pictures[other]),
             commands(mean.expand_as(pictures)),
-            torch.stack([item[ACTION] for item in items]).numpy(),
+            labels.numpy(),
         ),
     }
 

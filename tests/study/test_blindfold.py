@@ -1,0 +1,63 @@
+"""Pictures taken away or swapped: what the policy is shown, and that whole episodes fly with it."""
+
+import pytest
+import torch
+from lerobot.configs import FeatureType, PolicyFeature
+from lerobot.policies import make_pre_post_processors
+from lerobot.policies.act.configuration_act import ACTConfig
+from lerobot.policies.act.modeling_act import ACTPolicy
+
+from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.study.blindfold import blindfold, fly
+from lerobot_spacedock.study.picture_use import CAMERA
+
+PICTURES = torch.rand(8, 3, 32, 40, generator=torch.Generator().manual_seed(1))
+
+
+def test_what_is_shown():
+    observation = {CAMERA: torch.zeros(4, 3, 32, 40), "observation.state": torch.ones(4, 13)}
+    assert blindfold("seen", PICTURES)(observation) is observation
+    blank = blindfold("blank", PICTURES)(observation)
+    assert torch.allclose(blank[CAMERA][2], PICTURES.mean(dim=(0, 2, 3))[:, None, None].expand(3, 32, 40))
+    shuffled = blindfold("shuffled", PICTURES)
+    first, second = shuffled(observation)[CAMERA], shuffled(observation)[CAMERA]
+    assert all(any(torch.equal(one, other) for other in PICTURES) for one in first)
+    assert not torch.equal(first, second)
+    assert torch.equal(first, blindfold("shuffled", PICTURES)(observation)[CAMERA])
+    assert blank["observation.state"] is observation["observation.state"]
+    with pytest.raises(InputError, match="seen shuffled blank"):
+        blindfold("closed", PICTURES)
+
+
+def test_whole_episodes_fly_with_it(tmp_path):
+    torch.manual_seed(0)
+    config = ACTConfig(
+        input_features={
+            CAMERA: PolicyFeature(FeatureType.VISUAL, (3, 32, 40)),
+            "observation.state": PolicyFeature(FeatureType.STATE, (13,)),
+        },
+        output_features={"action": PolicyFeature(FeatureType.ACTION, (6,))},
+        device="cpu",
+        pretrained_backbone_weights=None,
+        chunk_size=2,
+        n_action_steps=1,
+        dim_model=16,
+        n_heads=2,
+        dim_feedforward=16,
+        n_encoder_layers=1,
+        use_vae=False,
+    )
+    statistics = {
+        name: {"mean": torch.zeros(shape), "std": torch.ones(shape)}
+        for name, shape in ((CAMERA, (3, 1, 1)), ("observation.state", (13,)), ("action", (6,)))
+    }
+    ACTPolicy(config).save_pretrained(tmp_path / "act")
+    for processor in make_pre_post_processors(config, dataset_stats=statistics):
+        processor.save_pretrained(tmp_path / "act")
+    rows = {
+        mode: fly(tmp_path / "act", PICTURES, mode, "same", tmp_path / mode, episodes=2, task="SpaceDock-v0")
+        for mode in ("seen", "blank")
+    }
+    for mode, (row,) in rows.items():
+        assert (row["run"], row["episodes"], row["steps"]["mean"]) == (mode, 2, 65)
+    assert rows["seen"][0]["distance_m"] != rows["blank"][0]["distance_m"]
