@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from lerobot_spacedock.dataset.segments import Segment, pieces
 from lerobot_spacedock.dataset.selection import best, score
 from lerobot_spacedock.dataset.statistics import vector_statistics
 from lerobot_spacedock.errors import InputError
-from lerobot_spacedock.expert.checkpoint import SHIPPED
+from lerobot_spacedock.expert.checkpoint import GENTLE, find_checkpoint
 from lerobot_spacedock.expert.controllers import make_expert
 
 _KICKS = KickConfig(probability=0.12)
@@ -38,7 +39,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "wide_starts": {"initial_conditions": "random"},
     # sparse kicks from the paper's starts
     "kicked_same": {"kicks": _KICKS},
-    # sparse kicks and wider starts: configs/demos_cpu.yaml
+    # sparse kicks and wider starts
     "kicked": {"kicks": _KICKS, "initial_conditions": "random"},
     # the same with none near the port, so that the demonstrations themselves dock
     "kicked_quiet": {"kicks": KickConfig(probability=0.12, quiet_m=3.0), "initial_conditions": "random"},
@@ -47,12 +48,21 @@ KINDS: dict[str, dict[str, Any]] = {
     # the last ten metres alone, and shown twice more
     "terminal": {"kicks": _KICKS, "initial_conditions": "random", "segment": "last:10m"},
     "oversampled": {"kicks": _KICKS, "initial_conditions": "random", "segment": "last:10m", "repeat_terminal": 2},
+    # the same of the paper's task: no contact, 65 steps
+    "kicked_paper": {"kicks": _KICKS, "env_id": "SpaceDock-v0"},
+    # the slower meta-RL teacher, that of configs/demos_cpu.yaml
+    "kicked_gentle": {"kicks": _KICKS, "initial_conditions": "random", "checkpoint": GENTLE},
     # other teachers
     "kicked_W": {"kicks": _KICKS, "initial_conditions": "random", "expert": "W"},
     "kicked_V": {"kicks": _KICKS, "initial_conditions": "random", "expert": "V"},
     "kicked_mpc": {"kicks": _KICKS, "initial_conditions": "random", "expert": "mpc"},
     # the distribution of unknown chasers and imperfect sensors
-    "kicked_meta": {"kicks": _KICKS, "initial_conditions": "random", "env_id": "SpaceDockMeta-v0"},
+    "kicked_meta": {
+        "kicks": _KICKS,
+        "initial_conditions": "random",
+        "env_id": "SpaceDockMeta-v0",
+        "checkpoint": GENTLE,
+    },
 }
 FIRST_SEED = 500_000  # where configs/demos_cpu.yaml begins; evaluations begin at 1000 and at 900,000
 SEEDS_EACH = 10_000  # training seed s flies from FIRST_SEED + s * SEEDS_EACH on
@@ -130,7 +140,7 @@ def demonstrations(config: DemosConfig, cache: Path | None = None) -> Frames:
     frames = _fly(config)
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        aside = path.with_suffix(".tmp.npz")
+        aside = path.with_name(f".{path.stem}.{os.getpid()}.tmp.npz")
         np.savez_compressed(aside, **vars(frames))
         aside.rename(path)
     return frames
@@ -167,6 +177,6 @@ def _fly(config: DemosConfig) -> Frames:
 
 
 def _fingerprint(config: DemosConfig) -> str:
-    """Changes with every option, and with the shipped expert."""
+    """Changes with every option, and with the expert's weights."""
     text = json.dumps(config.settings(), sort_keys=True, default=str)
-    return hashlib.sha256(text.encode() + SHIPPED.read_bytes()).hexdigest()[:12]
+    return hashlib.sha256(text.encode() + find_checkpoint(config.checkpoint).read_bytes()).hexdigest()[:12]

@@ -22,13 +22,14 @@ from lerobot_spacedock.study.trial import run_trial
 try:
     import optuna
     from optuna.storages import BaseStorage, JournalStorage, RDBStorage
-    from optuna.storages.journal import JournalFileBackend
+    from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
     from optuna.trial import TrialState
 except ImportError as error:
     message = "spacedock sweep needs Optuna: pip install 'lerobot_env_spacedock[study]'."
     raise MissingDependencyError(message) from error
 
 POINT, OWNER, RESULT = "point", "owner", "result"  # what each trial carries
+LOCK_GIVEN_UP_AFTER_s = 10  # held for milliseconds; whoever holds it for so long was killed
 DIRECTIONS = ("maximize", "minimize")  # share of episodes in the IDSS box, smoothness
 
 
@@ -77,8 +78,24 @@ def _storage(config: SweepConfig) -> BaseStorage:
     given = config.storage or str(Path(config.output_dir) / f"{config.name}.journal")
     if "://" in given:
         return RDBStorage(given)
-    Path(given).parent.mkdir(parents=True, exist_ok=True)
-    return JournalStorage(JournalFileBackend(given))
+    # whole path: Optuna never gives up the lock of a killed process where the journal's is relative
+    path = Path(given).resolve()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lock = JournalFileSymlinkLock(str(path), grace_period=LOCK_GIVEN_UP_AFTER_s)
+    backend = JournalFileBackend(str(path), lock_obj=lock)
+    lock.acquire()
+    try:
+        _cut_half_line(path)
+    finally:
+        lock.release()
+    return JournalStorage(backend)
+
+
+def _cut_half_line(journal: Path) -> None:
+    """Takes away the half of an entry that a full disk left at the end, behind which Optuna could read nothing."""
+    content = journal.read_bytes()
+    if not content.endswith(b"\n"):
+        os.truncate(journal, content.rfind(b"\n") + 1)
 
 
 def requeue_abandoned(study: optuna.Study) -> int:
@@ -155,7 +172,7 @@ def write_results(study: optuna.Study, config: SweepConfig) -> Path:
     lines = ",\n".join(json.dumps(result) for result in results)
     head = json.dumps({"name": config.name, "episodes": config.episodes, "evaluation_seed": config.evaluation_seed})
     path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_suffix(".tmp")
+    aside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     aside.write_text(f'{head[:-1]}, "trials": [\n{lines}\n]}}\n', encoding="utf-8")
     aside.rename(path)
     return path

@@ -93,6 +93,20 @@ def test_trials_of_a_killed_process_are_taken_up_again_and_those_of_a_living_one
     assert config.points()[killed.number] in waiting
 
 
+def test_what_a_kill_and_a_full_disk_leave_in_the_journal_stops_nobody(config, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sweep_module, "run_trial", result_of)
+    monkeypatch.setattr(sweep_module, "LOCK_GIVEN_UP_AFTER_s", 3)
+    config = dataclasses.replace(config, output_dir="study", seeds=[0])
+    open_study(config)
+    with Path("study/little.journal").open("a") as journal:
+        journal.write('{"op_code": 4, "work')  # the disk was full
+    os.symlink(Path("study/little.journal").resolve(), "study/little.journal.lock")  # killed while it held the lock
+    assert sweep(config) == 0
+    assert len(read_trials([Path(config.results)])) == 2
+    assert sweep(config) == 0
+
+
 def test_a_search_stops_at_its_number_of_trials_and_finds_the_small_chunk(config, monkeypatch):
     monkeypatch.setattr(sweep_module, "run_trial", result_of)
     search = dataclasses.replace(config, name="search", sampler="tpe", num_trials=6)
