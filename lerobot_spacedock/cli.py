@@ -49,6 +49,7 @@ VERBS = {
     "sweep": Verb("study.sweep", "SweepConfig", "sweep", "vary demonstrations and the settings of ACT, resumable"),
     "sweep-figure": Verb("study.figure", "FigureConfig", "sweep_figure", "accuracy against smoothness of a sweep"),
     "view": Verb("report.view", "ViewConfig", "view", "look at episodes in the Rerun viewer"),
+    "completion": Verb("completion", "CompletionConfig", "completion", "print a script for tab completion"),
 }
 
 

@@ -1,0 +1,42 @@
+"""Tab completion, tried in the shell that it is for."""
+
+import subprocess
+
+import pytest
+import shtab
+
+from lerobot_spacedock.cli import VERBS
+from lerobot_spacedock.completion import CompletionConfig, command_line, completion
+from lerobot_spacedock.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def script(tmp_path_factory):
+    path = tmp_path_factory.mktemp("completion") / "spacedock.bash"
+    path.write_text(shtab.complete(command_line(), "bash"))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("spacedock re", {"report"}),
+        ("spacedock demos --kicks.p", {"--kicks.probability"}),
+        ("spacedock nothing --f", set()),
+    ],
+)
+def test_bash_offers_verbs_and_flags(script, typed, offered):
+    words = typed.split()
+    ask = (
+        f"source {script}; COMP_WORDS=({typed}); COMP_CWORD={len(words) - 1}; _shtab_spacedock; echo ${{COMPREPLY[@]}}"
+    )
+    answer = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True)
+    assert set(answer.stdout.split()) == offered
+
+
+def test_every_verb_is_there(script, capsys):
+    assert all(verb.replace("-", "_") in script.read_text() for verb in VERBS)
+    assert completion(CompletionConfig(shell="zsh")) == 0
+    assert "#compdef spacedock" in capsys.readouterr().out
+    with pytest.raises(InputError, match="bash"):
+        CompletionConfig(shell="elvish")
