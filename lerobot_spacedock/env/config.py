@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -80,6 +81,8 @@ class TaskConfig:
         if not (0.0 <= self.time_step_std_s < math.inf and self.time_step_min_s <= self.time_step_max_s < math.inf):
             given = (self.time_step_std_s, self.time_step_min_s, self.time_step_max_s)
             raise InputError("time_step_std_s, time_step_min_s, time_step_max_s", given, "0 ≤ std, min ≤ max, finite")
+        for group in ("corridor", "meta", "reward"):
+            _check_numbers(group, getattr(self, group))
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,27 @@ def _build(cls: type, options: dict[str, Any], path: str) -> Any:
         if isinstance(value, dict) and dataclasses.is_dataclass(factory):
             values[name] = _build(factory, value, f"{path}.{name}")
     return cls(**values)
+
+
+# what is divided by, or is a speed that the profile is made of
+_POSITIVE = re.compile(r"_(scale_m|scale_m_s|scale_deg|scale_deg_s|time_s|speed_m_s|power)$|^half_angle_deg$")
+
+
+def _check_numbers(group: str, config: Any) -> None:
+    """Every number of a nested configuration is finite and not negative, those of ``_POSITIVE`` and ranges above 0."""
+    for item in dataclasses.fields(config):
+        name, value = f"{group}.{item.name}", getattr(config, item.name)
+        if isinstance(value, bool):
+            continue
+        if isinstance(value, tuple):
+            if not (len(value) == 2 and 0.0 < value[0] <= value[1] < math.inf):
+                raise InputError(name, value, "least and most: two finite numbers, 0 < least ≤ most")
+        elif _POSITIVE.search(item.name) and not 0.0 < value < math.inf:
+            raise InputError(name, value, "a finite number > 0")
+        elif not 0.0 <= value < math.inf:
+            raise InputError(name, value, "a finite number ≥ 0")
+        elif item.name.endswith("_fraction") and value >= 1.0:
+            raise InputError(name, value, "a fraction, 0 ≤ fraction < 1")
 
 
 def _one_of(name: str, value: object, allowed: tuple[str, ...]) -> None:

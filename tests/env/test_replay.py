@@ -102,6 +102,11 @@ def test_bad_reset_options_are_named(options, message):
         ({"port": "zarya"}, "zvezda_aft"),
         ({"camera": {"heigth": 3}}, r"camera\.heigth.*height"),
         ({"max_steps": 0}, "integer ≥ 1"),
+        ({"reward": {"scale": float("nan")}}, r"reward\.scale: got nan; allowed: a finite number ≥ 0"),
+        ({"reward": {"rate_scale_deg_s": 0.0}}, r"reward\.rate_scale_deg_s: got 0\.0; allowed: a finite number > 0"),
+        ({"corridor": {"half_angle_deg": -1.0}}, r"corridor\.half_angle_deg"),
+        ({"meta": {"thrust_scale": (1.1, 0.9)}}, r"meta\.thrust_scale: .*least and most"),
+        ({"meta": {"mass_fraction": 1.0}}, r"meta\.mass_fraction: .*fraction < 1"),
         ({"sun": "bright"}, "fixed"),
     ],
 )
