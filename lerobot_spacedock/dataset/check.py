@@ -24,7 +24,7 @@ class CheckConfig:
 
     # user/name of the dataset; not needed with --root
     repo_id: str = ""
-    # its folder; by default LeRobot's own place for this repo_id
+    # its folder; by default LeRobot's own place for this repo_id, or where LeRobot has downloaded it to
     root: str | None = None
     # how many frames to decode, spread over the whole dataset
     sample_frames: int = 16
@@ -42,7 +42,7 @@ def check(config: CheckConfig) -> int:
         raise InputError("--root", None, "the dataset's folder, or its --repo_id")
     if config.sample_frames < 0:
         raise InputError("--sample_frames", config.sample_frames, "0 or more")
-    root = existing_root(config.repo_id, config.root)
+    root = existing_root(config.repo_id, config.root, downloaded=True)
     total = json.loads((root / "meta" / "info.json").read_text()).get("total_episodes")
     with tqdm(total=total, unit="episode", desc="Checking") as bar:
         report = check_dataset(root, sample_frames=config.sample_frames, redraw=config.redraw, progress=bar.update)

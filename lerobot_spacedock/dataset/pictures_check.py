@@ -14,6 +14,7 @@ from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.findings import Report
 from lerobot_spacedock.dataset.frames import Artist
 from lerobot_spacedock.dataset.reader import DatasetReader, Episode
+from lerobot_spacedock.dataset.roots import dataset_file
 from lerobot_spacedock.errors import FileFormatError
 
 # below the first the picture is of something else; the others are what the storage costs, with room to spare
@@ -70,7 +71,8 @@ class FrameStore:
         prefix = f"videos/{self.camera}/" if self.kind == "video" else "data/"
         template = self.reader.info["video_path" if self.kind == "video" else "data_path"]
         chunk, file = about[f"{prefix}chunk_index"], about[f"{prefix}file_index"]
-        return self.reader.root / template.format(video_key=self.camera, chunk_index=chunk, file_index=file)
+        words = {"video_key": self.camera, "chunk_index": chunk, "file_index": file}
+        return dataset_file(self.reader.root, template, **words)
 
     def _video_frame(self, about: dict[str, Any], step: int) -> np.ndarray:
         from lerobot.datasets.video_utils import decode_video_frames

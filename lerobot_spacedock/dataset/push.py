@@ -10,7 +10,7 @@ from lerobot_spacedock.dataset.card import write_card
 from lerobot_spacedock.dataset.hub import HubError, checked_token, hub_errors, set_tag, upload_folder
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.model_card import write_model_card
-from lerobot_spacedock.dataset.roots import check_repo_id, existing_root
+from lerobot_spacedock.dataset.roots import check_repo_id, existing_root, is_inside
 from lerobot_spacedock.errors import InputError
 
 KINDS = ("dataset", "policy", "env")
@@ -90,6 +90,9 @@ def _prepare(config: PushConfig, scratch: Path) -> Path:
 
 def _upload(config: PushConfig, folder: Path) -> int:
     files = [file for file in folder.rglob("*") if file.is_file() and not _ignored(file.relative_to(folder))]
+    for file in files:
+        if not is_inside(folder, file):
+            raise InputError("--root", str(file), "files of that folder", f"It is a link to {file.resolve()}.")
     size = sum(file.stat().st_size for file in files)
     large = config.large == "always" or (config.large == "auto" and size > LARGE_BYTES)
     where = f"{config.repo_id} ({config.kind}, {'private' if config.private else 'public'} if new)"

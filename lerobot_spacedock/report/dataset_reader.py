@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 
 from lerobot_spacedock.dataset import provenance, schema
 from lerobot_spacedock.dataset.episode import log_of_rows
+from lerobot_spacedock.dataset.roots import dataset_file
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, InputError, reading
 
@@ -125,11 +126,7 @@ class DatasetEpisode:
 
     def _path(self, template: str, prefix: str, **words: str) -> Path:
         chunk, file = self.place[f"{prefix}/chunk_index"], self.place[f"{prefix}/file_index"]
-        path = self.root / self.info[template].format(chunk_index=chunk, file_index=file, **words)
-        if not path.resolve().is_relative_to(self.root.resolve()):
-            raise FileFormatError(
-                f"{self.root / 'meta' / 'info.json'}: {template} leads out of the dataset, to {path}."
-            )
+        path = dataset_file(self.root, self.info[template], chunk_index=chunk, file_index=file, **words)
         if not path.is_file():
             raise FileFormatError(f"{path}: missing; episode {self.episode} is said to be in it.")
         return path

@@ -2,8 +2,10 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import yaml
@@ -121,8 +123,6 @@ def test_a_hub_that_fails_on_the_way_costs_only_a_second_try(hub, dataset, way, 
 
 
 def test_a_broken_dataset_is_not_pushed(hub, dataset, tmp_path):
-    import shutil
-
     broken = tmp_path / "broken"
     shutil.copytree(dataset, broken)
     info = json.loads((broken / "meta" / "info.json").read_text())
@@ -191,6 +191,53 @@ d = LeRobotDataset("{REPO}", video_backend="pyav")
 print(d.num_episodes, d.num_frames, tuple(d[7]["observation.images.camera"].shape), int(d[7]["frame_index"]))
 """
     assert client(hub, code, tmp_path).split("\n")[-2] == f"2 12 (3, {HEIGHT}, {WIDTH}) 1"
+
+
+def test_what_lerobot_has_downloaded_is_checked_and_seen_where_it_is(hub, dataset, tmp_path):
+    send(dataset)
+    code = f"""
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot_spacedock.cli import main
+from lerobot_spacedock.report.dataset_reader import DatasetEpisode
+root = LeRobotDataset("{REPO}", video_backend="pyav").root
+assert main(["check", "--repo_id={REPO}"]) == 0
+print(sum(1 for _ in DatasetEpisode(root, 1).frames()))
+"""
+    assert client(hub, code, tmp_path).split("\n")[-2] == "6"
+
+
+@pytest.mark.parametrize("name", ["../../../escaped.txt", "/escaped.txt", "meta/../../../escaped.txt", "a\\..\\b"])
+def test_a_repository_whose_paths_climb_out_writes_nothing_outside(hub, dataset, tmp_path, name):
+    send(dataset)
+    repository = hub.repositories[("dataset", REPO)]
+    for sha, files in list(repository.commits.items()):
+        repository.commits[sha] = files | {name: b"escaped"}
+    target = tmp_path / "home"
+    target.mkdir()
+    code = f"""
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+for root in (None, "{target}/mine"):
+    try:
+        LeRobotDataset("{REPO}", root=root, video_backend="pyav")
+    except Exception as error:
+        print(type(error).__name__)
+"""
+    client(hub, code, target)
+    assert [path.name for path in tmp_path.iterdir()] == ["home"]
+    for path in target.rglob("*"):
+        allowed = [target / "hf", target / "lerobot", target / "mine"]
+        assert any(path.is_relative_to(place) for place in allowed), path
+    assert not Path("/escaped.txt").exists()
+
+
+def test_a_link_that_leads_out_is_not_pushed(hub, dataset, tmp_path):
+    """A dataset from elsewhere must not take its new owner's files along to the hub."""
+    (tmp_path / "secret.txt").write_text("secret")
+    shutil.copytree(dataset, tmp_path / "mine")
+    (tmp_path / "mine" / "notes.txt").symlink_to(tmp_path / "secret.txt")
+    with pytest.raises(InputError, match=r"notes\.txt.*link to .*secret\.txt"):
+        send(tmp_path / "mine")
+    assert hub.requests == []
 
 
 def test_the_environment_is_made_from_the_hub(hub, tmp_path):
