@@ -53,7 +53,8 @@ class DemosConfig:
     num_candidates: int | None = None
     # meta_rl | mpc | mpc_fixed | zem | W | V | Q (hand-designed time-invariant laws) | meta_rl_sampled
     expert: str = "meta_rl"
-    # folder of a meta-RL checkpoint; by default the one that ships
+    # a meta-RL checkpoint, file or folder, or gentle, which ships for docking without a deadline; by default the one
+    # that ships for the 65 steps of SpaceDock-v0
     checkpoint: str | None = None
     # first | distance | propellant | smoothness | return: what the best are best at
     select: str = "distance"

@@ -17,7 +17,20 @@ from lerobot_spacedock.expert.features import FEATURE_DIM
 from lerobot_spacedock.expert.network import ARCHITECTURE, ARCHITECTURE_VERSION, ActorNetwork, NetworkConfig
 from lerobot_spacedock.physics.frames import ACTION_DIM
 
-SHIPPED = Path(__file__).parent / "checkpoints" / "meta_rl.safetensors"
+_FOLDER = Path(__file__).parent / "checkpoints"
+SHIPPED = _FOLDER / "meta_rl.safetensors"  # reaches the port in the paper's 65 steps
+GENTLE = "gentle"  # name of the other one that ships: some seven steps slower, for docking without a deadline
+
+
+def find_checkpoint(given: str | Path | None = None) -> Path:
+    """The ``.safetensors`` file of a checkpoint: None is the shipped one, ``gentle`` the other that ships, else a file
+    or a folder with a ``policy.safetensors``; it need not exist."""
+    if given is None:
+        return SHIPPED
+    if str(given) == GENTLE:
+        return _FOLDER / f"{GENTLE}.safetensors"
+    path = Path(given).expanduser()
+    return path / "policy.safetensors" if path.is_dir() else path
 
 
 def save_actor(path: Path, network: ActorNetwork, training: dict[str, Any]) -> None:
@@ -44,17 +57,18 @@ def save_actor(path: Path, network: ActorNetwork, training: dict[str, Any]) -> N
     write_json(path.with_suffix(".json"), description)
 
 
-def load_actor(path: str | Path = SHIPPED) -> tuple[ActorNetwork, dict[str, Any]]:
-    """The actor and its description, from a ``.safetensors`` file or a folder that holds one ``policy.safetensors``.
+def load_actor(checkpoint: str | Path | None = None) -> tuple[ActorNetwork, dict[str, Any]]:
+    """The actor and its description, of what ``find_checkpoint`` finds.
 
     Raises:
         FileFormatError: no such file, another architecture or version, another action size, or shapes that differ.
     """
-    path = Path(path)
-    if path.is_dir():
-        path = path / "policy.safetensors"
+    path = find_checkpoint(checkpoint)
     if not path.is_file():
-        raise FileFormatError(f"{path}: no such expert checkpoint; make one with: spacedock train-expert")
+        raise FileFormatError(
+            f"{path}: no such expert checkpoint; make one with spacedock train-expert, or leave it out or name "
+            f"{GENTLE} for those that ship"
+        )
     description = read_json(path.with_suffix(".json"))
     for name, wanted in (
         ("architecture", ARCHITECTURE),
@@ -88,13 +102,12 @@ def training_counts(expert: str, checkpoint: str | Path | None = None) -> dict[s
 
     Args:
         expert: one of ``controllers.EXPERTS``; all but the meta-RL ones need no training.
-        checkpoint: of the meta-RL expert; the shipped one by default.
+        checkpoint: of the meta-RL expert, as ``find_checkpoint`` takes it.
     """
     if not expert.startswith("meta_rl"):
         return {"episodes": 0, "interactions": 0}
-    path = Path(checkpoint or SHIPPED).expanduser()
     try:
-        training = read_json(path / "policy.json" if path.is_dir() else path.with_suffix(".json")).get("training")
+        training = read_json(find_checkpoint(checkpoint).with_suffix(".json")).get("training")
     except FileFormatError:
         return None
     counts = {name: training.get(name) for name in ("episodes", "interactions")} if isinstance(training, dict) else {}

@@ -25,15 +25,14 @@ def make_expert(name: str, task: TaskConfig, *, checkpoint: str | Path | None = 
             free time to go or to a deadline, ZEM/ZEV, and the feedback laws W, V and Q.
         task: gives port, attitude model and horizon. Where there is contact the classical laws with a deadline arrive
             with a closing speed in the middle of the allowed band; in the fixed-horizon task they stop at the port.
-        checkpoint: of the learnt policy; the shipped one by default.
+        checkpoint: of the learnt policy: file, folder, ``gentle``; the shipped one by default.
     """
     where = {"port": get_port(task.port)}
     if name in ("meta_rl", "meta_rl_sampled", "meta_rl_forgetful"):
-        from lerobot_spacedock.expert.checkpoint import SHIPPED
         from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
 
         options = {"stochastic": name == "meta_rl_sampled", "forgetful": name == "meta_rl_forgetful"}
-        return MetaRlPolicy.load(checkpoint or SHIPPED, **where, **options)
+        return MetaRlPolicy.load(checkpoint, **where, **options)
     where["hill_coupling"] = task.hill_coupling
     if name in LAWS:
         return FeedbackPolicy(name, **where)

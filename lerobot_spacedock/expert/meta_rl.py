@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lerobot_spacedock.expert.checkpoint import SHIPPED, load_actor
+from lerobot_spacedock.expert.checkpoint import load_actor
 from lerobot_spacedock.expert.features import actor_features
 from lerobot_spacedock.expert.network import ActorNetwork, Memory
 from lerobot_spacedock.expert.policy import action_signs, check_observation, observation_signs
@@ -51,9 +51,9 @@ class MetaRlPolicy:
         self._last = torch.zeros(0, ACTION_DIM, device=self.device)
 
     @classmethod
-    def load(cls, path: str | Path = SHIPPED, **options: object) -> MetaRlPolicy:
+    def load(cls, checkpoint: str | Path | None = None, **options: object) -> MetaRlPolicy:
         """The policy of a checkpoint; ``options`` as of the constructor."""
-        return cls(load_actor(path)[0], **options)
+        return cls(load_actor(checkpoint)[0], **options)
 
     def reset(self, count: int) -> None:
         """Starts ``count`` episodes with an empty memory."""
@@ -89,4 +89,4 @@ def load_meta_rl(
 ) -> MetaRlPolicy:
     """The learnt policy with the arguments of the classical ones; it finds out the attitude model by itself."""
     del hill_coupling
-    return MetaRlPolicy.load(checkpoint or SHIPPED, port=port)
+    return MetaRlPolicy.load(checkpoint, port=port)

@@ -10,7 +10,7 @@ from tensordict import TensorDict
 
 from lerobot_spacedock.env.config import TaskConfig
 from lerobot_spacedock.errors import FileFormatError, InputError
-from lerobot_spacedock.expert.checkpoint import SHIPPED, load_actor, save_actor
+from lerobot_spacedock.expert.checkpoint import GENTLE, find_checkpoint, load_actor, save_actor, training_counts
 from lerobot_spacedock.expert.evaluate import HELD_OUT_SEED, TASKS, fly
 from lerobot_spacedock.expert.features import FEATURE_DIM, actor_features
 from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
@@ -176,15 +176,20 @@ def test_impossible_shapes_are_refused(wrong):
         NetworkConfig(**wrong)
 
 
-def test_the_shipped_checkpoint_is_small():
-    assert SHIPPED.stat().st_size < 1_000_000
+def test_the_shipped_checkpoints_are_small():
+    for shipped in (None, GENTLE):
+        assert find_checkpoint(shipped).stat().st_size < 1_000_000
+        assert training_counts("meta_rl", shipped)["interactions"] > 10_000_000
 
 
+@pytest.mark.parametrize("checkpoint", [None, GENTLE])
 @pytest.mark.parametrize("name", ["contact same", "contact random", "contact same_dispersed", "meta random"])
-def test_the_shipped_expert_docks(name):
-    flights = fly(MetaRlPolicy.load(), TASKS[name], range(HELD_OUT_SEED, HELD_OUT_SEED + 100))
+def test_the_shipped_experts_dock(name, checkpoint):
+    flights = fly(MetaRlPolicy.load(checkpoint), TASKS[name], range(HELD_OUT_SEED, HELD_OUT_SEED + 100))
     assert flights.idss.mean() >= 0.97
     assert flights.miss_m.mean() < (0.05 if "meta" in name else 0.02)
+    if checkpoint == GENTLE and "contact" in name:
+        assert flights.smoothness.mean() < 1.35
 
 
 def test_the_shipped_expert_docks_at_the_other_port_as_well():

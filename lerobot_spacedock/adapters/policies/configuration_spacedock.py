@@ -72,7 +72,8 @@ class ExpertConfig(PreTrainedConfig):
 class SpaceDockMetaRlConfig(ExpertConfig):
     """The recurrent meta-RL policy."""
 
-    # .safetensors of spacedock train-expert (its .json beside it); left out, the one that ships with the package
+    # .safetensors of spacedock train-expert (its .json beside it), or gentle: the slower one that ships with the
+    # package, for docking without a deadline; left out, the one that ships for the 65 steps of SpaceDock-v0
     checkpoint: str | None = None
     # sample the commands as in training, instead of flying their mean
     stochastic: bool = False

@@ -93,7 +93,7 @@ class SpaceDockMetaRlPolicy(ExpertPolicy):
     name = "spacedock_meta_rl"
 
     def __init__(self, config: SpaceDockMetaRlConfig, **options: Any) -> None:
-        from lerobot_spacedock.expert.checkpoint import SHIPPED, load_actor
+        from lerobot_spacedock.expert.checkpoint import load_actor
         from lerobot_spacedock.expert.network import ActorNetwork, NetworkConfig
 
         super().__init__(config, **options)
@@ -105,7 +105,7 @@ class SpaceDockMetaRlPolicy(ExpertPolicy):
             self.network = ActorNetwork(NetworkConfig(**config.network_options))
             self._has_weights = False
         else:
-            self.network, description = load_actor(config.checkpoint or SHIPPED)
+            self.network, description = load_actor(config.checkpoint)
             logging.info("meta-RL actor of %s", description.get("spacedock_version"))
             for name, value in self.network.config.to_json().items():
                 setattr(config, name, tuple(value) if isinstance(value, list) else value)
