@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     try:
         return run(arguments[0], arguments[1:])
-    except (SpaceDockError, FileExistsError, FileNotFoundError) as error:
+    except (SpaceDockError, OSError) as error:  # the latter: a full disk, a folder that may not be written, ...
         print(f"spacedock: error: {error}", file=sys.stderr)
         return USAGE_ERROR
     except KeyboardInterrupt:

@@ -18,6 +18,7 @@ import numpy as np
 
 from lerobot_spacedock.episode_log import log_path, read_episode_log, write_episode_log
 from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.folders import check_writable
 
 METRICS_FILE = "eval_metrics.jsonl"
 POLICY_FILE = "policy.json"
@@ -53,8 +54,9 @@ def evaluation_folder(log_dir: Path, *, numbered: bool) -> Path:
         numbered: True inside training, where evaluation follows evaluation: ``evaluation_0001``, ``_0002``, ...
 
     Raises:
-        InputError: the folder already holds the episodes of another evaluation.
+        InputError: the folder already holds the episodes of another evaluation, or cannot be written.
     """
+    check_writable(log_dir, "--env.log_dir")
     if numbered:
         taken = [int(path.name.rpartition("_")[2]) for path in log_dir.glob("evaluation_[0-9][0-9][0-9][0-9]")]
         return log_dir / f"evaluation_{max(taken, default=0) + 1:04d}"

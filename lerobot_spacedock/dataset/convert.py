@@ -89,7 +89,7 @@ def convert(config: ConvertConfig) -> int:
 
         return convert_v21(config, root)
     job = Job(root)
-    with job.lock(), job.disk_errors():
+    with job.disk_errors(), job.lock():
         if job.begin(config.settings()):
             print(f"Going on with the unfinished job in {job.folder}")
         if not job.plan_path.exists():

@@ -35,6 +35,7 @@ from lerobot_spacedock.env.scenario_config import get_initial_conditions
 from lerobot_spacedock.episode_log import log_path, read_episode_log, write_episode_log
 from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.expert.controllers import EXPERTS, make_expert
+from lerobot_spacedock.folders import check_writable
 
 FLIGHT_BLOCK = 256
 
@@ -134,8 +135,10 @@ def demos(config: DemosConfig) -> int:
     """Runs the verb; see the module."""
     _check(config)
     root = dataset_root(config.repo_id, config.root)
+    if config.log_dir is not None:
+        check_writable(Path(config.log_dir), "--log_dir")  # it is used last, after hours
     job = Job(root)
-    with job.lock(), job.disk_errors():
+    with job.disk_errors(), job.lock():
         resumed = job.begin(config.settings())
         if resumed:
             print(f"Going on with the unfinished job in {job.folder}")

@@ -20,9 +20,10 @@ from typing import Any
 from lerobot_spacedock.dataset.record import DatasetLayout, free_space
 from lerobot_spacedock.dataset.sources import EpisodeRef
 from lerobot_spacedock.errors import InputError, SpaceDockError
-from lerobot_spacedock.lock import only_process
+from lerobot_spacedock.folders import only_process
 
 MAX_SHARD_EPISODES = 50
+FINISHED = "finished"
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,10 @@ class Job:
         Raises:
             InputError: the dataset exists, or the folder holds a job with other settings.
         """
+        shutil.rmtree(self._trash, ignore_errors=True)
         if self.root.exists():
+            if (self.folder / FINISHED).exists() and not (self.folder / "complete").exists():
+                self._discard()  # killed when the dataset had its name already
             raise InputError("--root", str(self.root), "a folder that does not exist", "Delete it or name another.")
         settings = json.loads(json.dumps(settings))
         path = self.folder / "settings.json"
@@ -143,8 +147,19 @@ class Job:
 
     def finish(self, complete: Path) -> None:
         """Puts the complete dataset under its own name and removes the working folder."""
+        (self.folder / FINISHED).touch()
         os.rename(complete, self.root)
-        shutil.rmtree(self.folder, ignore_errors=True)
+        self._discard()
+
+    @property
+    def _trash(self) -> Path:
+        return self.root.with_name(f".{self.root.name}.trash")
+
+    def _discard(self) -> None:
+        """Removes the working folder; renamed first: no later job may go on from the half that a kill would leave."""
+        shutil.rmtree(self._trash, ignore_errors=True)
+        os.rename(self.folder, self._trash)
+        shutil.rmtree(self._trash, ignore_errors=True)
 
 
 def shard_count(episodes: int, workers: int) -> int:

@@ -36,7 +36,7 @@ from lerobot_spacedock.expert.train_state import (
     save_checkpoint,
 )
 from lerobot_spacedock.expert.training_tasks import TrainingTasks
-from lerobot_spacedock.lock import only_process
+from lerobot_spacedock.folders import only_process
 
 __all__ = ["TrainExpertConfig", "train_expert"]
 

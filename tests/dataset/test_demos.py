@@ -18,7 +18,7 @@ from lerobot_spacedock.dataset.disturbance import KickConfig
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.episode_log import iterate_episode_logs, read_episode_log
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, SpaceDockError
 
 
 def config(root, **options) -> DemosConfig:
@@ -111,6 +111,13 @@ def test_a_second_process_keeps_out(tmp_path):
 def test_what_cannot_be_flown_is_said_and_nothing_is_left(tmp_path, options, flag):
     with pytest.raises(InputError, match=flag):
         demos(config(tmp_path / "d", **options))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("options", [{"log_dir": "/proc/logs"}, {"root": "/proc/logs"}])
+def test_a_folder_that_may_not_be_written_is_said_before_anything_is_flown(tmp_path, options):
+    with pytest.raises(SpaceDockError, match="/proc/logs"):
+        demos(config(**({"root": tmp_path / "d"} | options)))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -42,6 +42,23 @@ def test_a_finished_shard_is_not_written_again(log_folder, tmp_path):
     assert {p: p.stat().st_mtime_ns for p in job.shard(2).rglob("*")} == before
 
 
+def test_killed_when_the_dataset_has_its_name_it_leaves_nothing_behind(log_folder, tmp_path, monkeypatch):
+    wanted, job = config(log_folder, tmp_path / "d", num_workers=1), Job(tmp_path / "d")
+
+    def killed(*_) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Job, "_discard", killed)
+    with pytest.raises(KeyboardInterrupt):
+        convert(wanted)
+    monkeypatch.undo()
+    assert job.folder.exists()
+    assert check_dataset(job.root).errors == []
+    with pytest.raises(InputError, match="does not exist"):
+        convert(wanted)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["d"]
+
+
 def test_each_worker_reads_its_own_episodes_only(log_folder, tmp_path):
     wanted = config(log_folder, tmp_path / "d")
     job = Job(tmp_path / "d")

@@ -17,7 +17,7 @@ from lerobot_spacedock.expert.train import desired_kl, mean_change_coef, smoothn
 from lerobot_spacedock.expert.train_config import ActorConfig, PpoConfig, TaskShare, TrainExpertConfig
 from lerobot_spacedock.expert.train_state import checkpoints, export_actor, load_networks
 from lerobot_spacedock.expert.training_tasks import TRAINING_SEEDS_FROM, TrainingTasks
-from lerobot_spacedock.lock import only_process
+from lerobot_spacedock.folders import only_process
 
 
 def small(folder: Path, **changes) -> TrainExpertConfig:

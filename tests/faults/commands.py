@@ -46,9 +46,12 @@ def dataset_result(folder: Path) -> object:
     return {"data": files_of(folder / "data"), "logs": files_of(folder / "logs"), "left": leftovers(folder)}
 
 
+LEFT = (".part", ".tmp", ".lock", ".trash")
+
+
 def leftovers(folder: Path) -> list[str]:
     """Working folders and half-written files that are still there."""
-    return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.name.endswith((".part", ".tmp", ".lock")))
+    return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.name.endswith(LEFT))
 
 
 def finished_logs_are_whole(folder: Path) -> None:
@@ -213,7 +216,12 @@ def results_are_whole(folder: Path) -> None:
         sweep_result(folder)
 
 
-DATASETS = ("data", "data.part", ".data.lock", "logs")
+DATASETS = ("data", "data.part", ".data.*", "logs")
+
+
+def dataset_there(folder: Path) -> bool:
+    return (folder / "data").exists()
+
 
 COMMANDS = {
     "demos": lambda: _demos("states alone", "--image=false", "--num_workers=1"),
@@ -221,7 +229,7 @@ COMMANDS = {
     "demos_workers": lambda: _demos("two workers", "--image=false", "--num_workers=2"),
     "convert": lambda: Command(
         "spacedock convert", CLI, convert_arguments, dataset_result, DATASETS,
-        prepare=fly_logs, after_kill=finished_logs_are_whole,
+        prepare=fly_logs, after_kill=finished_logs_are_whole, finished=dataset_there,
     ),
     "push": lambda: _push("never"),
     "push_large": lambda: _push("always"),
@@ -243,7 +251,7 @@ COMMANDS = {
 def _demos(words: str, *options: str) -> Command:
     return Command(
         f"spacedock demos ({words})", CLI, lambda folder: demos_arguments(*options), dataset_result, DATASETS,
-        after_kill=finished_logs_are_whole,
+        after_kill=finished_logs_are_whole, finished=dataset_there,
     )  # fmt: skip
 
 

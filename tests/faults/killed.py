@@ -38,6 +38,7 @@ class Command:
         again: arguments of every later start; None: the same.
         prepare: makes the inputs, once.
         after_kill: raises where something half-finished can be mistaken for something whole.
+        finished: whether nothing is left to do, and the same command is refused.
         clean: undoes what is not a file of the folder.
     """
 
@@ -49,6 +50,7 @@ class Command:
     again: Callable[[Path], Sequence[str]] | None = None
     prepare: Callable[[Path], None] = lambda folder: None
     after_kill: Callable[[Path], None] = lambda folder: None
+    finished: Callable[[Path], bool] = lambda folder: False
     clean: Callable[[Path], None] = lambda folder: None
 
 
@@ -113,12 +115,13 @@ def _round(context, command, folder, rng, outcome: Outcome, kills: int, wanted: 
     """Up to ``kills`` kills, then to the end."""
     arguments, times, ended = command.arguments(folder), [], False
     for _ in range(int(rng.integers(1, kills + 1))):
+        allowed = (0, 2) if command.finished(folder) else (0,)
         moment = float(rng.uniform(0.0, 1.05 * outcome.whole_s))
         process = start(context, command, folder, arguments)
         process.join(moment)
         if process.exitcode is not None:
             outcome.late, ended = outcome.late + 1, True
-            _refuse_failure(command, folder, process.exitcode)
+            _refuse_failure(command, folder, process.exitcode, allowed)
             break
         kill(process)
         outcome.kills += 1
@@ -130,7 +133,7 @@ def _round(context, command, folder, rng, outcome: Outcome, kills: int, wanted: 
         arguments = (command.again or command.arguments)(folder)
     if not ended:
         try:
-            finish(context, command, folder, arguments)
+            finish(context, command, folder, arguments, allowed=(0, 2) if command.finished(folder) else (0,))
         except RuntimeError as error:
             outcome.differences.append(f"killed after {_seconds(times)}: {error}")
             return
@@ -158,20 +161,20 @@ def call(program: str, arguments: list[str], folder: str) -> None:
     sys.exit(getattr(importlib.import_module(module), function)())
 
 
-def finish(context, command: Command, folder: Path, arguments: Sequence[str]) -> float:
-    """Lets it end; returns how long it took."""
+def finish(context, command: Command, folder: Path, arguments: Sequence[str], allowed: tuple = (0,)) -> float:
+    """Lets it end, with one of the exit codes allowed; returns how long it took."""
     began = time.monotonic()
     process = start(context, command, folder, arguments)
     process.join(SLOWEST_s)
     if process.exitcode is None:
         kill(process)
         raise RuntimeError(f"{command.name}: not ended after {SLOWEST_s:g} s; {last_words(folder)}")
-    _refuse_failure(command, folder, process.exitcode)
+    _refuse_failure(command, folder, process.exitcode, allowed)
     return time.monotonic() - began
 
 
-def _refuse_failure(command: Command, folder: Path, exitcode: int) -> None:
-    if exitcode != 0:
+def _refuse_failure(command: Command, folder: Path, exitcode: int, allowed: tuple) -> None:
+    if exitcode not in allowed:
         raise RuntimeError(f"{command.name} ended with {exitcode}: {last_words(folder)}")
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 from commands import COMMANDS, LIBRARIES
-from killed import run_killed
+from killed import Outcome, run_killed
 
 
 def main() -> int:
@@ -36,7 +36,10 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as scratch:
             command = COMMANDS[name]()
             folder = (options.keep or Path(scratch)) / name
-            outcome = run_killed(command, folder, moments=options.moments, seed=options.seed, libraries=LIBRARIES)
+            try:
+                outcome = run_killed(command, folder, moments=options.moments, seed=options.seed, libraries=LIBRARIES)
+            except RuntimeError as error:
+                outcome = Outcome(differences=[str(error)])
         said = "none" if not outcome.differences else str(len(outcome.differences))
         numbers = f"{outcome.whole_s:.1f} | {outcome.kills} | {outcome.rounds} | {said}"
         print(f"| `{command.name}` | {numbers} | {time.monotonic() - start:.0f} |", flush=True)

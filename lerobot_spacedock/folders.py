@@ -1,10 +1,11 @@
-"""One process at a time in a folder."""
+"""Folders that a command is about to write: by one process at a time, and found out before hours of work."""
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
 import os
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -36,3 +37,23 @@ def only_process(folder: Path, flag: str) -> Iterator[None]:
             yield
         finally:
             path.unlink(missing_ok=True)
+
+
+def check_writable(folder: Path, flag: str) -> None:
+    """Tries to write where ``folder`` is, or is to be made.
+
+    Args:
+        folder: need not exist, and is not made.
+        flag: by which the user named it.
+
+    Raises:
+        InputError: the system refuses; with its reason.
+    """
+    nearest = folder.absolute()
+    while not nearest.exists():
+        nearest = nearest.parent
+    try:
+        with tempfile.TemporaryFile(dir=nearest):
+            pass
+    except OSError as error:
+        raise InputError(flag, str(folder), "a folder that can be written", f"{nearest}: {error.strerror}.") from error
