@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import sys
@@ -84,17 +85,24 @@ def convert_arguments(folder: Path) -> Sequence[str]:
 # ---- the hub
 
 
+@functools.cache
+def hub():
+    """The one hub of this process; commands know it from their environment, so it comes before their server."""
+    from local_hub import TOKEN, LocalHub
+
+    running = LocalHub()
+    running.__enter__()
+    os.environ |= {
+        "HF_ENDPOINT": running.url, "HF_TOKEN": TOKEN, "HF_HUB_DISABLE_XET": "1", "HF_HUB_DISABLE_TELEMETRY": "1"
+    }  # fmt: skip
+    return running
+
+
 class Pushed:
-    """A dataset on a hub of this process; pushes run in another."""
+    """A dataset on that hub; pushes run in another process."""
 
     def __init__(self, large: str) -> None:
-        from local_hub import TOKEN, LocalHub
-
-        self.large, self.hub = large, LocalHub()
-        self.hub.__enter__()
-        os.environ |= {
-            "HF_ENDPOINT": self.hub.url, "HF_TOKEN": TOKEN, "HF_HUB_DISABLE_XET": "1", "HF_HUB_DISABLE_TELEMETRY": "1"
-        }  # fmt: skip
+        self.large, self.hub = large, hub()
 
     def prepare(self, folder: Path) -> None:
         from dataset_samples import fly_some, short, write_raw_export

@@ -22,7 +22,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from commands import COMMANDS, LIBRARIES
+from commands import COMMANDS, LIBRARIES, hub
 from killed import Command, clear, difference, finish, last_words, same, server, start, words_file
 
 ROOMY_MB = 500.0
@@ -113,6 +113,7 @@ def main() -> int:
     parser.add_argument("--tries", type=int, default=6, help="file systems of different sizes, for each command")
     options = parser.parse_args()
     os.environ |= {"OMP_NUM_THREADS": "1", "HF_HUB_DISABLE_PROGRESS_BARS": "1", "TQDM_DISABLE": "1"}
+    hub()
     print("| command | needs, MB | tries | full | wrong |\n|:--|--:|--:|--:|:--|", flush=True)
     failures: list[str] = []
     for name in options.only.split(","):

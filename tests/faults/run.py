@@ -17,7 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from commands import COMMANDS, LIBRARIES
+from commands import COMMANDS, LIBRARIES, hub
 from killed import Outcome, run_killed
 
 
@@ -29,6 +29,7 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, help="work here, and leave what was written")
     options = parser.parse_args()
     os.environ |= {"OMP_NUM_THREADS": "1", "HF_HUB_DISABLE_PROGRESS_BARS": "1", "TQDM_DISABLE": "1"}
+    hub()
     print("| command | undisturbed, s | kills | compared | differences | s |\n|:--|--:|--:|--:|:--|--:|", flush=True)
     wrong = 0
     for name in options.only.split(","):
