@@ -1,0 +1,83 @@
+"""``python -m lerobot_spacedock.study.table results/sweep_NAME.json``: what a sweep found, in Markdown.
+
+A line a setting; a cell has one value a training seed, in their order; what all trials share is left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from lerobot_spacedock.errors import SpaceDockError
+from lerobot_spacedock.study.figure import read_trials
+
+Rows = dict[tuple[Any, ...], list[dict[str, Any]]]
+
+
+def group(trials: list[dict[str, Any]], tasks: Sequence[str] = ()) -> tuple[list[str], Rows]:
+    """The axes that vary (the seed aside), and the rows of all seeds by their values, task and coefficient.
+
+    Args:
+        trials: as ``read_trials`` gives them.
+        tasks: keep these alone; none keeps all.
+    """
+    names = list(trials[0]["point"]) if trials else []
+    vary = [name for name in names if name != "seed" and len({trial["point"][name] for trial in trials}) > 1]
+    found: Rows = defaultdict(list)
+    for trial in sorted(trials, key=lambda trial: trial["point"]["seed"]):
+        for row in trial["rows"]:
+            if not tasks or row["task"] in tasks:
+                key = (*(trial["point"][name] for name in vary), row["task"], row["coefficient"])
+                found[key].append(row)
+    return vary, found
+
+
+def table(trials: list[dict[str, Any]], tasks: Sequence[str] = ()) -> str:
+    """The Markdown table."""
+    vary, found = group(trials, tasks)
+    head = [*(name.replace("_", " ") for name in vary), "task", "coefficient"]
+    head += ["IDSS box, %", "contact, %", "distance mean, cm", "p95, cm", "closing speed, m/s", "smoothness"]
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    order = {key: place for place, key in enumerate(found)}
+    numbers = [place for place, name in enumerate(vary) if all(isinstance(key[place], int | float) for key in found)]
+    for key in sorted(found, key=lambda key: (*(key[place] for place in numbers), order[key])):
+        rows = found[key]
+        *values, task, coefficient = key
+        cells = [str(value) for value in values] + [task, "newest" if coefficient is None else f"{coefficient:+g}"]
+        cells += [
+            _seeds(rows, lambda row: 100.0 * row["idss"] / row["episodes"], ".0f"),
+            _seeds(rows, lambda row: 100.0 * row["contact"] / row["episodes"], ".0f"),
+            _seeds(rows, lambda row: 100.0 * row["distance_m"]["mean"], ".1f"),
+            _seeds(rows, lambda row: 100.0 * row["distance_m"]["p95"], ".1f"),
+            _seeds(rows, lambda row: row["closing_m_s"]["median"], ".3f"),
+            _seeds(rows, lambda row: row["smoothness"]["mean"], ".2f"),
+        ]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _seeds(rows: list[dict[str, Any]], value: Any, form: str) -> str:
+    found = ["–" if (number := value(row)) is None else format(number, form) for row in rows]
+    return found[0] if len(set(found)) == 1 else " / ".join(found)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog="python -m lerobot_spacedock.study.table", description=__doc__)
+    parser.add_argument("results", nargs="+", type=Path, help="JSON that spacedock sweep wrote; several are joined")
+    parser.add_argument("--tasks", nargs="+", default=[], help="ENV_ID/STARTS, these alone")
+    arguments = parser.parse_args(argv)
+    try:
+        print(table(read_trials(arguments.results), arguments.tasks))
+    except SpaceDockError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
