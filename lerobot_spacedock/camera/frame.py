@@ -7,47 +7,47 @@ import numpy as np
 from lerobot_spacedock.jit import jit
 
 from .kernels_raster import SAMPLE_X_4, draw_triangles
-from .kernels_resolve import SCRATCH_ROWS, STRIDE, collect, locate
+from .kernels_resolve import CHUNK, SCRATCH_ROWS, STRIDE, collect, gather, locate
 from .kernels_shade import clothe, deposit, encode, lighten, shade_shadow
-from .kernels_simd import CELL
+from .kernels_simd import CELL_SAMPLES, cell_place
 from .kernels_sky import paint_sky, paint_stars, project_stars
 
 PIXELS_AT_ONCE = 1280  # so many that chunks of fragments are seldom cut short, so few that they stay in the cache
+FINEST_PIXELS = 0.05  # parts that look narrower are left out of the picture (never out of depth and segments)
 
 
 @jit(nogil=True)
-def draw_frame(corners, faces, clusters, spheres, cones, table, materials, texels, maps, map_start, map_size,
-               map_affine, map_reach, earth, stars, star_gain, light, rot, eye, view, width, height, samples, depth,
-               ids, plane, floors, linear, out):  # fmt: skip
+def draw_frame(corners, faces, surface, clusters, spheres, cones, table, materials, texels, maps, cascades, sun_axes,
+               earth, stars, star_gain, light, rot, eye, view, width, height, samples, cells, away, floors, linear,
+               out):  # fmt: skip
     """Draw into ``out`` (H*W*3 uint8), or into ``linear`` (H*W*3 float32) where that is not empty."""
-    draw_triangles(corners, faces, clusters, spheres, cones, rot, eye, view, width, height, samples, depth, ids, plane,
-                   floors)  # fmt: skip
+    draw_triangles(corners, faces, surface, clusters, spheres, cones, rot, eye, view, width, height, samples,
+                   FINEST_PIXELS, cells, away, floors)  # fmt: skip
     rows = max(1, PIXELS_AT_ONCE // width)
     room = rows * width * samples + 8
-    run_triangle, run_pixel, run_length = np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.int32)
-    run_x, run_y, run_weight = np.empty(room, np.float32), np.empty(room, np.float32), np.empty(room, np.float32)
+    frag_surface, frag_pixel = np.zeros(room, np.int32), np.empty(room, np.int32)
+    frag_x, frag_y, frag_weight = np.empty(room, np.float32), np.empty(room, np.float32), np.empty(room, np.float32)
     sky, colour = np.empty(rows * width, np.float32), np.empty(rows * width * 3, np.float32)
     scratch, taps = np.zeros(SCRATCH_ROWS * STRIDE, np.float32), np.zeros(4 * STRIDE, np.int32)
+    kinds = np.zeros(STRIDE, np.int32)
     found = np.empty((stars.shape[0], 5))
     n_stars = project_stars(stars, rot, view, width, height, found) if star_gain > 0.0 else 0
-    shadows = map_size.shape[0] > 0
     for row0 in range(0, height, rows):
         row1 = min(row0 + rows, height)
         values = 3 * (row1 - row0) * width
         colour[:values] = np.float32(0.0)
-        runs = 0
+        fragments = 0
         for row in range(row0, row1):
-            runs = collect(ids, row, width, samples, SAMPLE_X_4, (row - row0) * width, runs, run_triangle, run_pixel,
-                           run_length, run_x, run_y, run_weight, sky)  # fmt: skip
-        run, done = 0, 0
-        while run < runs:
-            run, done, n = locate(run, done, runs, run_triangle, run_pixel, run_length, run_x, run_y, run_weight,
-                                  plane, table, materials, map_affine, map_size, map_start, map_reach, light, rot, eye,
-                                  view, scratch)  # fmt: skip
-            shade_shadow(n, light, maps, shadows, scratch)
+            fragments = collect(cells, row, width, samples, SAMPLE_X_4, (row - row0) * width, fragments, frag_surface,
+                                frag_pixel, frag_x, frag_y, frag_weight, sky)  # fmt: skip
+        for first in range(0, fragments, CHUNK):
+            n = min(CHUNK, fragments - first)
+            gather(first, n, frag_surface, away, table, materials, scratch, kinds)
+            locate(first, n, frag_x, frag_y, cascades, sun_axes, rot, eye, view, scratch)
+            shade_shadow(n, light, maps, scratch, taps)
             clothe(n, texels, scratch, taps)
             lighten(n, light, scratch)
-            deposit(n, scratch, colour)
+            deposit(first, n, frag_pixel, frag_weight, scratch, colour)
         paint_sky(row0, row1, width, sky, rot, view, light, earth, colour)
         if n_stars > 0:
             paint_stars(found, n_stars, row0, row1, width, sky, star_gain, colour)
@@ -59,19 +59,20 @@ def draw_frame(corners, faces, clusters, spheres, cones, table, materials, texel
 
 
 @jit(nogil=True)
-def draw_geometry(corners, faces, clusters, spheres, cones, segment, rot, eye, view, width, height, far, depth, ids,
-                  plane, floors):  # fmt: skip
+def draw_geometry(corners, faces, surface, clusters, spheres, cones, segment, rot, eye, view, width, height, far, cells,
+                  away, floors):  # fmt: skip
     """Depth along the view axis (H, W) float32 m and segment (H, W) uint8 at each pixel's centre."""
-    draw_triangles(corners, faces, clusters, spheres, cones, rot, eye, view, width, height, 1, depth, ids, plane,
-                   floors)  # fmt: skip
+    draw_triangles(corners, faces, surface, clusters, spheres, cones, rot, eye, view, width, height, 1, 0.0, cells,
+                   away, floors)  # fmt: skip
     distance = np.empty((height, width), np.float32)
     what = np.empty((height, width), np.uint8)
     blocks = (width + 7) >> 3
     for i in range(height):
         for j in range(width):
-            p = ((i >> 2) * blocks + (j >> 3)) * CELL + 8 * (i & 3) + (j & 7)
-            if ids[p] < 0:
+            p = cell_place(i >> 2, j >> 3, blocks) + 8 * (i & 3) + (j & 7)
+            shown = cells[p + CELL_SAMPLES]
+            if shown < 0:
                 distance[i, j], what[i, j] = far, 0
             else:
-                distance[i, j], what[i, j] = np.float32(1.0) / depth[p], segment[int(plane[ids[p], 3])]
+                distance[i, j], what[i, j] = np.float32(1.0) / np.int32(cells[p]).view(np.float32), segment[shown]
     return distance, what

@@ -16,21 +16,21 @@ import numpy as np
 
 from lerobot_spacedock.jit import jit
 
-from .kernels_simd import CELL, farthest, fill_cells
+from .kernels_simd import CELL, CELL_SAMPLES, TILE_CELLS, cell_place, farthest, fill_cells
 
 SAMPLE_X_4 = (0.375, 0.875, 0.125, 0.625)  # rotated grid: sample rows are 1/4 pixel apart, columns all differ
-TILE_CELLS = 8  # cells, one above the other, of which one farthest depth is kept
-LOOK_BACK = (0.12, 0.3, 0.55)  # shares of the clusters after which those depths are found anew
+LOOK_BACK = (0.04, 0.1, 0.2, 0.4)  # shares of the clusters after which the tiles' farthest depths are found anew
+ROUNDING = 1.00001  # samples are affine in float32: room that they are left before something counts as hidden
+CLUSTER_TRIANGLES = 64
+LANES = CLUSTER_TRIANGLES + 8  # numbers between the rows of a cluster's scratch arrays
 
-
-def tiles_of(width: int, height: int, samples: int) -> int:
-    """Tiles of a picture."""
-    groups = (height * samples + 3) >> 2
-    return ((width + 7) >> 3) * ((groups + TILE_CELLS - 1) // TILE_CELLS)
+# rows of those arrays: corners from the upper to the lower one, in pixels and 1/m; then 1/z as an affine function of
+# column and row; then dx/dy of the upper-lower, upper-middle and middle-lower edges
+AX, AY, AW, BX, BY, BW, CX, CY, CW, GX, GY, G0, LONG, UPPER, LOWER = range(15)
 
 
 @jit(nogil=True)
-def order_clusters(spheres, cones, rot, eye, view, width, height, kept, near):
+def order_clusters(spheres, cones, rot, eye, view, width, height, finest, kept, near):
     """Clusters that may be in the picture, nearest first → their number; ``near`` gets each one's nearest depth, m."""
     fx, fy, cx, cy, clip = view[0], view[1], view[2], view[3], view[4]
     left, right = cx / fx, (width - cx) / fx
@@ -55,6 +55,8 @@ def order_clusters(spheres, cones, rot, eye, view, width, height, kept, near):
         away = math.sqrt(dx * dx + dy * dy + dz * dz)
         if cones[k, 0] * dx + cones[k, 1] * dy + cones[k, 2] * dz > cones[k, 3] * away + radius:
             continue  # every face is turned away
+        if spheres[k, 4] * fy < finest * (z - radius):
+            continue  # too fine to be seen
         kept[n], near[n] = k, z - radius
         n += 1
     order = np.argsort(near[:n])
@@ -64,12 +66,11 @@ def order_clusters(spheres, cones, rot, eye, view, width, height, kept, near):
 
 
 @jit(nogil=True)
-def _look_back(depth, blocks, groups, floors, across):
+def _look_back(cells, blocks, groups, floors):
     """Find the farthest depth of each tile."""
-    for tile_row in range(floors.shape[0] // across):
-        g0, g1 = tile_row * TILE_CELLS, min((tile_row + 1) * TILE_CELLS, groups)
-        for b in range(across):
-            floors[tile_row * across + b] = farthest(depth, (g0 * blocks + b) * CELL, blocks * CELL, g1 - g0)
+    for tile in range(floors.shape[0]):
+        left = groups - TILE_CELLS * (tile // blocks)
+        floors[tile] = farthest(cells, tile * TILE_CELLS * CELL, min(TILE_CELLS, left))
 
 
 @jit(nogil=True, forceinline=True)
@@ -78,7 +79,7 @@ def _hidden(floors, across, x0, x1, y0, y1, per_tile, w):
     down = floors.shape[0] // across
     i0, i1 = int(min(max(y0, 0.0) / per_tile, down - 1.0)), int(min(max(y1, 0.0) / per_tile, down - 1.0))
     j0, j1 = int(min(max(x0, 0.0), across * 8.0 - 1.0)) >> 3, int(min(max(x1, 0.0), across * 8.0 - 1.0)) >> 3
-    far = np.float32(w * 1.00001)  # samples are affine in float32: leave it room
+    far = np.float32(w * ROUNDING)
     for i in range(i0, i1 + 1):
         for j in range(j0, j1 + 1):
             if floors[i * across + j] < far:
@@ -104,147 +105,221 @@ def _cluster_hidden(sphere, rot, eye, view, floors, across, per_tile):
     return _hidden(floors, across, u0, u1, v0, v1, per_tile, 1.0 / near)
 
 
-@jit(nogil=True, forceinline=True)
-def _fill(p, i, f, n, width, height, samples, offsets, blocks, groups, floors, across, looked, depth, ids, plane):
-    """Scan-convert one projected triangle (x, y, 1/z of three corners) → number of triangles so far."""
-    ax, ay, aw = p[i, 0], p[i, 1], p[i, 2]
-    bx, by, bw = p[i, 3], p[i, 4], p[i, 5]
-    cx, cy, cw = p[i, 6], p[i, 7], p[i, 8]
-    if ay > by:
-        ax, ay, aw, bx, by, bw = bx, by, bw, ax, ay, aw
-    if by > cy:
-        bx, by, bw, cx, cy, cw = cx, cy, cw, bx, by, bw
-    if ay > by:
-        ax, ay, aw, bx, by, bw = bx, by, bw, ax, ay, aw
-    x_low, x_high = min(ax, bx, cx), max(ax, bx, cx)
-    if cy <= 0.0 or ay >= height or x_high <= 0.0 or x_low >= width:
-        return n
-    # samples stand on a lattice of ``grain`` a pixel: a speck that holds no row or column of it leaves no trace
-    grain = float(samples)
-    if math.ceil(x_low * grain - 0.5) == math.ceil(x_high * grain - 0.5):
-        return n
-    first = math.ceil(max(ay * grain - 0.5, 0.0))
-    end = math.ceil(min(cy * grain - 0.5, height * grain))
-    if first >= end:
-        return n
-    if looked and _hidden(floors, across, x_low, x_high, ay, cy, 4.0 * TILE_CELLS / grain, max(aw, bw, cw)):
-        return n
-    det = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-    if not abs(det) > 1e-9:
-        return n
-    inv = 1.0 / det
-    gx = ((bw - aw) * (cy - ay) - (cw - aw) * (by - ay)) * inv
-    gy = ((cw - aw) * (bx - ax) - (bw - aw) * (cx - ax)) * inv
-    g0 = aw - gx * ax - gy * ay
-    plane[n, 0], plane[n, 1], plane[n, 2], plane[n, 3] = gx, gy, g0, f
-    slopes = (
-        (cx - ax) / (cy - ay),
-        (bx - ax) / (by - ay) if by > ay else 0.0,
-        (cx - bx) / (cy - by) if cy > by else 0.0,
-    )
-    corners, affine = (ax, ay, bx, by, cy), (gx, gy, g0)
-    step = 1.0 / grain
-    for g in range(int(first) >> 2, (int(end) + 3) >> 2):
-        fill_cells(depth, ids, g * blocks * CELL, width, corners, slopes, affine, (4 * g + 0.5) * step, step,
-                   offsets, n)  # fmt: skip
-    return n + 1
-
-
 @jit(nogil=True)
-def draw_triangles(corners, planes, clusters, spheres, cones, rot, eye, view, width, height, samples, depth, ids, plane,
-                   floors):  # fmt: skip
+def draw_triangles(corners, planes, surface, clusters, spheres, cones, rot, eye, view, width, height, samples, finest,
+                   cells, away, floors):  # fmt: skip
     """Cull by cluster, face and what is already drawn; transform, clip at the near plane, project and fill.
 
     Args:
-        corners: (F, 9) float32 m; three corners of each triangle.
-        planes: (F, 5) float32; outward unit normal, offset (n·p), and 1 where both sides are seen.
+        corners: (9, F) float32 m; three corners of each triangle.
+        planes: (5, F) float32; outward unit normal, offset (n·p), and 1 where both sides are seen.
+        surface: (F,) int32; the surface that each belongs to.
         clusters: (K, 2) int32; first triangle and one past the last.
-        spheres: (K, 4) float32; centre and radius, m.
+        spheres: (K, 5) float32; centre, radius and width of the widest part, m.
         cones: (K, 4) float32; axis of a cone that holds the normals and the sine of its half angle, or 2.
         rot: (3, 3) float64; rows are the camera's right, down and forward axes.
         eye: (3,) float64 m.
         view: (5,) float64; fx, fy, cx, cy in pixels and the near distance in metres.
         samples: samples a pixel, 1 or 4.
-        depth, ids: outputs, flat, cells of 32 samples (``kernels_simd``); 1/z and number of the triangle drawn, or -1.
-        plane: output, (2F, 4) float64: 1/z as an affine function of column and row, and the scene's triangle.
+        finest: pixels; clusters whose parts all look narrower than this are left out.
+        cells: output, int32, the samples (``kernels_simd``): 1/z and number of the surface drawn, or -1.
+        away: output, (S,) float32 m: how far behind the camera each drawn surface's plane is, along its normal.
         floors: room for a float32 a tile.
     """
     blocks = (width + 7) >> 3
     groups = (height * samples + 3) >> 2
-    depth[: groups * blocks * CELL] = np.float32(0.0)
-    ids[: groups * blocks * CELL] = -1
     tiles = floors[: blocks * ((groups + TILE_CELLS - 1) // TILE_CELLS)]
-    offsets = (0.375, 0.875, 0.125, 0.625) if samples == 4 else (0.5, 0.5, 0.5, 0.5)
+    tiles[:] = np.float32(0.0)
+    for cell in range(tiles.shape[0] * TILE_CELLS):
+        cells[cell * CELL : cell * CELL + CELL_SAMPLES] = 0
+        cells[cell * CELL + CELL_SAMPLES : cell * CELL + CELL] = -1
     per_tile = 4.0 * TILE_CELLS / samples
-    fx, fy, cx, cy, near = view[0], view[1], view[2], view[3], view[4]
-    r00, r01, r02 = rot[0, 0], rot[0, 1], rot[0, 2]
-    r10, r11, r12 = rot[1, 0], rot[1, 1], rot[1, 2]
-    r20, r21, r22 = rot[2, 0], rot[2, 1], rot[2, 2]
-    ex, ey, ez = eye[0], eye[1], eye[2]
-    px, py, pz = np.empty(3), np.empty(3), np.empty(3)
-    shape = np.empty((2, 9))
     kept, nearest = np.empty(len(clusters), np.int64), np.empty(len(clusters))
-    count = order_clusters(spheres, cones, rot, eye, view, width, height, kept, nearest)
-    n = 0
+    count = order_clusters(spheres, cones, rot, eye, view, width, height, finest, kept, nearest)
+    flat, keep = np.empty(9 * LANES, np.float32), np.empty(LANES, np.int32)
+    shapes, number = np.empty(15 * 2 * LANES), np.empty(2 * LANES, np.int32)
     looks = 0
-    wide, high = float(width), float(height)
     for place in range(count):
         if looks < len(LOOK_BACK) and place >= LOOK_BACK[looks] * count:
-            _look_back(depth, blocks, groups, tiles, blocks)
+            _look_back(cells, blocks, groups, tiles)
             looks += 1
         k = kept[place]
         if looks > 0 and _cluster_hidden(spheres[k], rot, eye, view, tiles, blocks, per_tile):
             continue
-        for f in range(np.uint32(clusters[k, 0]), np.uint32(clusters[k, 1])):
-            facing = planes[f, 0] * ex + planes[f, 1] * ey + planes[f, 2] * ez - planes[f, 3]
-            if facing <= 0.0 and planes[f, 4] == 0.0:
-                continue
-            inside = 0
-            for c in range(3):
-                dx, dy, dz = corners[f, 3 * c] - ex, corners[f, 3 * c + 1] - ey, corners[f, 3 * c + 2] - ez
-                px[c] = r00 * dx + r01 * dy + r02 * dz
-                py[c] = r10 * dx + r11 * dy + r12 * dz
-                pz[c] = r20 * dx + r21 * dy + r22 * dz
-                inside += pz[c] >= near
-            if inside == 0:
-                continue
-            pieces = 1
-            if inside == 3:
-                for c in range(3):
-                    w = 1.0 / pz[c]
-                    shape[0, 3 * c], shape[0, 3 * c + 1] = cx + fx * px[c] * w, cy + fy * py[c] * w
-                    shape[0, 3 * c + 2] = w
-            else:
-                pieces = _clip(px, py, pz, near, fx, fy, cx, cy, shape)
-            for piece in range(pieces):
-                n = _fill(shape, piece, f, n, wide, high, samples, offsets, blocks, groups, tiles, blocks, looks > 0,
-                          depth, ids, plane)  # fmt: skip
+        first, end = clusters[k, 0], clusters[k, 1]
+        _project(corners, planes, first, end, rot, eye, view, width, height, samples, flat, keep)
+        n = _choose(corners, planes, surface, first, end, rot, eye, view, flat, keep, shapes, number, away)
+        _set_up(n, shapes)
+        _fill(n, shapes, number, width, height, samples, blocks, tiles, cells)
+
+
+@jit(nogil=True)
+def _project(corners, planes, first, end, rot, eye, view, width, height, samples, flat, keep):
+    """Project a cluster's triangles, eight at a time.
+
+    ``flat`` gets their corners, the uppermost first. ``keep`` is 0 for those that leave no trace (turned away, off the
+    picture, or between the rows or the columns of the lattice that the samples stand on), 1 for those wholly in front
+    of the near plane and 2 for those that it cuts.
+    """
+    f32 = np.float32
+    ex, ey, ez = f32(eye[0]), f32(eye[1]), f32(eye[2])
+    r00, r01, r02 = f32(rot[0, 0]), f32(rot[0, 1]), f32(rot[0, 2])
+    r10, r11, r12 = f32(rot[1, 0]), f32(rot[1, 1]), f32(rot[1, 2])
+    r20, r21, r22 = f32(rot[2, 0]), f32(rot[2, 1]), f32(rot[2, 2])
+    fx, fy, cx, cy, near = f32(view[0]), f32(view[1]), f32(view[2]), f32(view[3]), f32(view[4])
+    grain, half, one, zero = f32(samples), f32(0.5), f32(1.0), f32(0.0)
+    wide, high = f32(width), f32(height)
+    x0s, y0s, z0s = corners[0, first:end], corners[1, first:end], corners[2, first:end]
+    x1s, y1s, z1s = corners[3, first:end], corners[4, first:end], corners[5, first:end]
+    x2s, y2s, z2s = corners[6, first:end], corners[7, first:end], corners[8, first:end]
+    nx, ny, nz, offset = planes[0, first:end], planes[1, first:end], planes[2, first:end], planes[3, first:end]
+    both = planes[4, first:end]
+    for k in range(np.uint64(end - first)):
+        x, y, z = x0s[k] - ex, y0s[k] - ey, z0s[k] - ez
+        az = r20 * x + r21 * y + r22 * z
+        aw = one / az
+        ax, ay = cx + fx * (r00 * x + r01 * y + r02 * z) * aw, cy + fy * (r10 * x + r11 * y + r12 * z) * aw
+        x, y, z = x1s[k] - ex, y1s[k] - ey, z1s[k] - ez
+        bz = r20 * x + r21 * y + r22 * z
+        bw = one / bz
+        bx, by = cx + fx * (r00 * x + r01 * y + r02 * z) * bw, cy + fy * (r10 * x + r11 * y + r12 * z) * bw
+        x, y, z = x2s[k] - ex, y2s[k] - ey, z2s[k] - ez
+        cz = r20 * x + r21 * y + r22 * z
+        cw = one / cz
+        gx, gy = cx + fx * (r00 * x + r01 * y + r02 * z) * cw, cy + fy * (r10 * x + r11 * y + r12 * z) * cw
+        faces = (nx[k] * ex + ny[k] * ey + nz[k] * ez > offset[k]) | (both[k] > zero)
+        front = (az >= near) & (bz >= near) & (cz >= near)
+        behind = (az < near) & (bz < near) & (cz < near)
+        left, right = min(ax, bx, gx), max(ax, bx, gx)
+        top, bottom = min(ay, by, gy), max(ay, by, gy)
+        traces = (bottom > zero) & (top < high) & (right > zero) & (left < wide)
+        traces &= np.ceil(left * grain - half) < np.ceil(right * grain - half)
+        traces &= np.ceil(top * grain - half) < np.ceil(bottom * grain - half)
+        keep[k] = np.int32(faces & front & traces) + np.int32(2) * np.int32(faces & (not front) & (not behind))
+        swap = ay > by
+        ax, bx, aw, bw, ay, by = (
+            bx if swap else ax, ax if swap else bx, bw if swap else aw, aw if swap else bw, by if swap else ay,
+            ay if swap else by)  # fmt: skip
+        swap = by > gy
+        bx, gx, bw, cw, by, gy = (
+            gx if swap else bx, bx if swap else gx, cw if swap else bw, bw if swap else cw, gy if swap else by,
+            by if swap else gy)  # fmt: skip
+        swap = ay > by
+        ax, bx, aw, bw, ay, by = (
+            bx if swap else ax, ax if swap else bx, bw if swap else aw, aw if swap else bw, by if swap else ay,
+            ay if swap else by)  # fmt: skip
+        flat[AX * LANES + k], flat[AY * LANES + k], flat[AW * LANES + k] = ax, ay, aw
+        flat[BX * LANES + k], flat[BY * LANES + k], flat[BW * LANES + k] = bx, by, bw
+        flat[CX * LANES + k], flat[CY * LANES + k], flat[CW * LANES + k] = gx, gy, cw
+
+
+@jit(nogil=True)
+def _choose(corners, planes, surface, first, end, rot, eye, view, flat, keep, shapes, number, away):
+    """Bring the triangles that leave a trace together in ``shapes``, their surfaces in ``number``; → their number."""
+    n = 0
+    for k in range(np.uint64(end - first)):
+        if keep[k] == 0:
+            continue
+        f = np.uint64(first) + k
+        facing = planes[0, f] * eye[0] + planes[1, f] * eye[1] + planes[2, f] * eye[2] - planes[3, f]
+        away[surface[f]] = -facing
+        if keep[k] == 1:
+            for row in range(9):
+                shapes[row * 2 * LANES + n] = flat[row * LANES + k]
+            number[n] = surface[f]
+            n += 1
+            continue
+        for _ in range(_clip(corners, f, rot, eye, view, shapes, n)):
+            number[n] = surface[f]
+            n += 1
     return n
 
 
 @jit(nogil=True)
-def _clip(px, py, pz, near, fx, fy, cx, cy, shape):
-    """Cut a triangle at the near plane → 1 or 2 projected triangles in ``shape``; their number."""
-    w_near = 1.0 / near
+def _set_up(n, shapes):
+    """Slopes of ``n`` triangles' edges and depths."""
+    row = 2 * LANES
+    for k in range(np.uint64(n)):
+        ax, ay, aw = shapes[AX * row + k], shapes[AY * row + k], shapes[AW * row + k]
+        bx, by, bw = shapes[BX * row + k], shapes[BY * row + k], shapes[BW * row + k]
+        cx, cy, cw = shapes[CX * row + k], shapes[CY * row + k], shapes[CW * row + k]
+        det = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        inv = 1.0 / det if abs(det) > 1e-9 else 0.0
+        gx = ((bw - aw) * (cy - ay) - (cw - aw) * (by - ay)) * inv
+        gy = ((cw - aw) * (bx - ax) - (bw - aw) * (cx - ax)) * inv
+        shapes[GX * row + k], shapes[GY * row + k], shapes[G0 * row + k] = gx, gy, aw - gx * ax - gy * ay
+        shapes[LONG * row + k] = (cx - ax) / (cy - ay) if cy > ay else 0.0
+        shapes[UPPER * row + k] = (bx - ax) / (by - ay) if by > ay else 0.0
+        shapes[LOWER * row + k] = (cx - bx) / (cy - by) if cy > by else 0.0
+
+
+@jit(nogil=True)
+def _fill(n, shapes, number, width, height, samples, blocks, floors, cells):
+    """Scan-convert ``n`` triangles, but for tiles that hold nothing farther than they are."""
+    row = 2 * LANES
+    grain, wide = float(samples), float(width)
+    step = 1.0 / grain
+    offsets = (0.375, 0.875, 0.125, 0.625) if samples == 4 else (0.5, 0.5, 0.5, 0.5)
+    for k in range(np.uint64(n)):
+        ax, ay, bx, by = shapes[AX * row + k], shapes[AY * row + k], shapes[BX * row + k], shapes[BY * row + k]
+        cx, cy = shapes[CX * row + k], shapes[CY * row + k]
+        begin = np.int64(max(math.ceil(ay * grain - 0.5), 0.0))
+        end = np.int64(min(math.ceil(cy * grain - 0.5), height * grain))
+        if begin >= end:
+            continue
+        w = max(shapes[AW * row + k], shapes[BW * row + k], shapes[CW * row + k])
+        if _hidden(floors, blocks, min(ax, bx, cx), max(ax, bx, cx), ay, cy, 4.0 * TILE_CELLS / grain, w):
+            continue
+        nearest = np.float32(w * ROUNDING)
+        corner = (ax, ay, bx, by, cy)
+        slopes = (shapes[LONG * row + k], shapes[UPPER * row + k], shapes[LOWER * row + k])
+        plane = (shapes[GX * row + k], shapes[GY * row + k], shapes[G0 * row + k])
+        for g in range(begin >> 2, (end + 3) >> 2):
+            fill_cells(cells, floors, cell_place(g, 0, blocks), (g >> 3) * blocks, wide, corner, slopes, plane, nearest,
+                       (4 * g + 0.5) * step, step, offsets, number[k])  # fmt: skip
+
+
+@jit(nogil=True)
+def _clip(corners, f, rot, eye, view, shapes, n):
+    """Cut a triangle at the near plane → 1 or 2 projected triangles after the ``n`` in ``shapes``; their number.
+
+    Corners in front of the plane land on the same bits as in ``_project``, so that no neighbour parts from this one.
+    """
+    f32 = np.float32
+    fx, fy, cx, cy, near = f32(view[0]), f32(view[1]), f32(view[2]), f32(view[3]), f32(view[4])
+    px, py, pz = np.empty(3, np.float32), np.empty(3, np.float32), np.empty(3, np.float32)
+    for c in range(3):
+        x, y = corners[3 * c, f] - f32(eye[0]), corners[3 * c + 1, f] - f32(eye[1])
+        z = corners[3 * c + 2, f] - f32(eye[2])
+        px[c] = f32(rot[0, 0]) * x + f32(rot[0, 1]) * y + f32(rot[0, 2]) * z
+        py[c] = f32(rot[1, 0]) * x + f32(rot[1, 1]) * y + f32(rot[1, 2]) * z
+        pz[c] = f32(rot[2, 0]) * x + f32(rot[2, 1]) * y + f32(rot[2, 2]) * z
     corner = np.empty((4, 3))
     count = 0
     for c in range(3):
         d = (c + 1) % 3
         if pz[c] >= near:
-            w = 1.0 / pz[c]
+            w = f32(1.0) / pz[c]
             corner[count, 0], corner[count, 1], corner[count, 2] = cx + fx * px[c] * w, cy + fy * py[c] * w, w
             count += 1
         if (pz[c] >= near) != (pz[d] >= near):
             # always from the end in front to the end behind: neighbours cut the same point
             i, o = (c, d) if pz[c] >= near else (d, c)
-            s = (pz[i] - near) / (pz[i] - pz[o])
-            corner[count, 0] = cx + fx * (px[i] + s * (px[o] - px[i])) * w_near
-            corner[count, 1] = cy + fy * (py[i] + s * (py[o] - py[i])) * w_near
-            corner[count, 2] = w_near
+            s = (float(pz[i]) - near) / (float(pz[i]) - pz[o])
+            corner[count, 0] = cx + fx * (px[i] + s * (px[o] - px[i])) / near
+            corner[count, 1] = cy + fy * (py[i] + s * (py[o] - py[i])) / near
+            corner[count, 2] = 1.0 / near
             count += 1
     for piece in range(count - 2):
-        for c in range(3):
-            source = 0 if c == 0 else piece + c
-            for v in range(3):
-                shape[piece, 3 * c + v] = corner[source, v]
+        a, b, c = 0, piece + 1, piece + 2
+        if corner[a, 1] > corner[b, 1]:
+            a, b = b, a
+        if corner[b, 1] > corner[c, 1]:
+            b, c = c, b
+        if corner[a, 1] > corner[b, 1]:
+            a, b = b, a
+        for v in range(3):
+            shapes[(AX + v) * 2 * LANES + n + piece] = corner[a, v]
+            shapes[(BX + v) * 2 * LANES + n + piece] = corner[b, v]
+            shapes[(CX + v) * 2 * LANES + n + piece] = corner[c, v]
     return count - 2

@@ -1,8 +1,10 @@
 """From samples to fragments: what each row of pixels shows, and where on the station it is.
 
-A run is a stretch of pixels in a row that show one triangle at all their samples, or one triangle's share of a single
-pixel. Normal, texture place and openness are affine in position over a triangle, so a run needs the triangle's numbers
-once and eight of its pixels are located at a time.
+A fragment is one surface's share of one pixel. A surface is a set of triangles in one plane over which normal, texture
+place and openness are affine in position (``surfaces.py``), so its row of numbers and the ray of the pixel are all that
+is needed to find them. Fragments of one surface usually stand side by side, but small pictures have about as many
+surfaces as fragments: the rows of eight fragments are therefore turned on their side with eight-wide loads, whichever
+surfaces they are, and from there on everything is arithmetic over a chunk of fragments.
 """
 
 from __future__ import annotations
@@ -13,213 +15,206 @@ import numpy as np
 
 from lerobot_spacedock.jit import jit
 
-from .kernels_simd import CELL, columns_of, pure_columns
+from .kernels_simd import CELL_SAMPLES, cell_place, pure_columns, turn_rows
 
-CHUNK = 256  # fragments that are shaded together: the scratch array then stays in the first-level cache
-STRIDE = CHUNK + 8  # runs are written in eights, the last of them over its end
+CHUNK = 128  # fragments that are shaded together: the scratch array then stays in the first-level cache
+STRIDE = CHUNK + 8  # fragments are gathered in eights, the last of them over its end
 
-# rows of the scratch array
-(NX, NY, NZ, VX, VY, VZ, AR, AG, AB, SR, SG, SB, ROUGH, F0, METAL, AO, SUN, EMIT, DIST, TU, TV, FOOT, UX, UY, UZ, WX,
- WY, WZ, BUMP, TINT, PATTERN, FU, FV, HIGH, TEXEL, SPAN, PIXEL, WEIGHT) = range(38)  # fmt: skip
-SCRATCH_ROWS = 38
-
-# columns of the triangle table: normal, u, v and openness are each affine in position; material; two-sided flag
-T_N, T_U, T_V, T_AO, T_KIND, T_BOTH = 0, 12, 16, 20, 24, 25
-TRIANGLE_SIZE = 32  # two whole cache lines
-
-# columns of the material table
-M_BASE, M_SECOND, M_ROUGH, M_F0, M_METAL, M_SCALE, M_BUMP, M_PATTERN, M_EMIT, M_TINT = 0, 3, 6, 7, 8, 9, 10, 11, 12, 13
+# Rows of the scratch array. The first 32 are the columns of the surface table, the next 16 those of the material table;
+# what is found for a fragment takes the place of what it was found from.
+SURFACE_SIZE, MATERIAL_SIZE = 32, 16
+T_N, T_U, T_V, T_AO, T_KIND, T_BOTH, T_PLANE = 0, 12, 16, 20, 24, 25, 26
+(M_BASE, M_SECOND, M_ROUGH, M_F0, M_METAL, M_SCALE, M_BUMP, M_PATTERN, M_EMIT, M_TINT) = (
+    0, 3, 6, 7, 8, 9, 10, 11, 12, 13)  # fmt: skip
+NX, NY, NZ, VX, VY, VZ, DIST, FOOT, FU, FV, HIGH, TEXEL = range(12)
+TU, UX, UY, UZ, TV, WX, WY, WZ, AO, SUN, SPAN = range(12, 23)
+_MATERIAL = SURFACE_SIZE
+AR, AG, AB, SR, SG, SB = (_MATERIAL + k for k in range(6))
+ROUGH, F0, METAL, BUMP, PATTERN, EMIT, TINT = (
+    _MATERIAL + k for k in (M_ROUGH, M_F0, M_METAL, M_BUMP, M_PATTERN, M_EMIT, M_TINT)
+)
+_SCALE = _MATERIAL + M_SCALE
+_AWAY = SURFACE_SIZE + MATERIAL_SIZE  # distance of the camera from the surface's plane
+SCRATCH_ROWS = _AWAY + 1
 
 TILE = 256  # texels along a pattern's side; then its mip levels, the level of side s at place s²
 LEVELS = 9
 PATTERN_TEXELS = 2 * TILE * TILE
 
+# columns of the cascade table: texels a metre, offsets of u and v; levels a metre and the level of height 0, bias
+# included; push along the normal; texels a side, first texel; squared distance from the port up to which it is good
+C_SCALE, C_U, C_V, C_LEVELS, C_LEVEL_0, C_PUSH, C_SIZE, C_START, C_REACH = range(9)
+CASCADE_SIZE = 9
+
 
 @jit(nogil=True)
-def collect(ids, row, width, samples, off_x, pixel0, n, run_triangle, run_pixel, run_length, run_x, run_y, run_weight,
-            sky):  # fmt: skip
-    """List the runs of one row of pixels after the ``n`` that are there; → their number.
+def collect(cells, row, width, samples, off_x, pixel0, n, frag_surface, frag_pixel, frag_x, frag_y, frag_weight, sky):
+    """List the fragments of one row of pixels after the ``n`` that are there; → their number.
 
-    ``sky`` gets the share of each pixel where nothing was hit, from place ``pixel0`` on. A run of several pixels starts
-    at its first pixel's centre; a share of one pixel stands at the centroid of its samples.
+    ``sky`` gets the share of each pixel where nothing was hit, from place ``pixel0`` on. A fragment stands at its
+    pixel's centre, or at the centroid of its samples where it has only a share of the pixel.
     """
     blocks = (width + 7) >> 3
     step = 8 if samples == 4 else 0
-    base = row * blocks * CELL if samples == 4 else (row >> 2) * blocks * CELL + 8 * (row & 3)
-    middle = np.float32(row + 0.5)
-    current, length, begin = -1, 0, 0
+    group, inside = (row, CELL_SAMPLES) if samples == 4 else (row >> 2, CELL_SAMPLES + 8 * (row & 3))
+    middle, half = np.float32(row + 0.5), np.float32(0.5)
+    one, zero = np.float32(1.0), np.float32(0.0)
     for block in range(blocks):
-        place = base + block * CELL
+        place = cell_place(group, block, blocks) + inside
         column = 8 * block
-        if column + 8 <= width and length > 0 and columns_of(ids, place, step, current) == 255:
-            length += 8
-            continue
-        pure = pure_columns(ids, place, step)
-        for j in range(min(8, width - column)):
-            t = ids[np.uint64(place + j)]
-            if (pure >> j) & 1:
-                if t == current and length > 0:
-                    length += 1
-                    continue
-                if length > 0:
-                    n = _end_run(current, pixel0 + begin, length, begin, middle, n, run_triangle, run_pixel, run_length,
-                                 run_x, run_y, run_weight, sky)  # fmt: skip
-                current, length, begin = t, 1, column + j
+        pixel = pixel0 + column
+        count = min(8, width - column)
+        found = pure_columns(cells, place, step)
+        pure, empty = found & 255, found >> 8
+        if pure == 255 and count == 8 and (empty == 0 or empty == 255):
+            if empty:
+                for j in range(np.uint64(8)):
+                    sky[np.uint64(pixel) + j] = one
                 continue
-            if length > 0:
-                n = _end_run(current, pixel0 + begin, length, begin, middle, n, run_triangle, run_pixel, run_length,
-                             run_x, run_y, run_weight, sky)  # fmt: skip
-                length = 0
-            empty = 0
+            surface, where = frag_surface[n : n + 8], frag_pixel[n : n + 8]
+            for j in range(np.uint64(8)):
+                surface[j] = cells[np.uint64(place) + j]
+            for j in range(np.uint64(8)):
+                where[j] = np.int32(np.int32(pixel) + np.int32(j))
+            for j in range(np.uint64(8)):
+                frag_x[np.uint64(n) + j] = np.float32(np.int32(np.int32(column) + np.int32(j))) + half
+            for j in range(np.uint64(8)):
+                frag_y[np.uint64(n) + j] = middle
+            for j in range(np.uint64(8)):
+                frag_weight[np.uint64(n) + j] = one
+            for j in range(np.uint64(8)):
+                sky[np.uint64(pixel) + j] = zero
+            n += 8
+            continue
+        for j in range(count):
+            t = cells[np.uint64(place + j)]
+            if (pure >> j) & 1:
+                sky[pixel + j] = one if t < 0 else zero
+                if t >= 0:
+                    frag_surface[n], frag_pixel[n], frag_weight[n] = t, pixel + j, one
+                    frag_x[n], frag_y[n] = np.float32(column + j) + half, middle
+                    n += 1
+                continue
+            hollow = 0
             for s in range(4):
-                t = ids[np.uint64(place + j + 8 * s)]
+                t = cells[np.uint64(place + j + 8 * s)]
                 if t < 0:
-                    empty += 1
+                    hollow += 1
                     continue
                 seen = False
                 for r in range(s):
-                    seen |= ids[np.uint64(place + j + 8 * r)] == t
+                    seen |= cells[np.uint64(place + j + 8 * r)] == t
                 if seen:
                     continue
-                count = 0
-                x = y = np.float32(0.0)
+                hits = 0
+                x = y = zero
                 for r in range(s, 4):
-                    if ids[np.uint64(place + j + 8 * r)] == t:
-                        count += 1
+                    if cells[np.uint64(place + j + 8 * r)] == t:
+                        hits += 1
                         x += np.float32(off_x[r])
                         y += np.float32(0.25 * r + 0.125)
-                share = np.float32(1.0) / np.float32(count)
-                run_triangle[n], run_pixel[n], run_length[n] = t, pixel0 + column + j, 1
-                run_x[n], run_y[n] = np.float32(column + j) + x * share, np.float32(row) + y * share
-                run_weight[n] = np.float32(0.25) * np.float32(count)
+                share = one / np.float32(hits)
+                frag_surface[n], frag_pixel[n] = t, pixel + j
+                frag_x[n], frag_y[n] = np.float32(column + j) + x * share, np.float32(row) + y * share
+                frag_weight[n] = np.float32(0.25) * np.float32(hits)
                 n += 1
-            sky[pixel0 + column + j] = np.float32(0.25) * np.float32(empty)
-    if length > 0:
-        n = _end_run(current, pixel0 + begin, length, begin, middle, n, run_triangle, run_pixel, run_length, run_x,
-                     run_y, run_weight, sky)  # fmt: skip
+            sky[pixel + j] = np.float32(0.25) * np.float32(hollow)
     return n
 
 
-@jit(nogil=True, forceinline=True)
-def _end_run(triangle, pixel, length, column, y, n, run_triangle, run_pixel, run_length, run_x, run_y, run_weight, sky):
-    sky[pixel : pixel + length] = np.float32(1.0 if triangle < 0 else 0.0)
-    if triangle < 0:
-        return n
-    run_triangle[n], run_pixel[n], run_length[n] = triangle, pixel, length
-    run_x[n], run_y[n], run_weight[n] = np.float32(column) + np.float32(0.5), y, np.float32(1.0)
-    return n + 1
+@jit(nogil=True)
+def gather(first, n, frag_surface, away, table, materials, s, kinds):
+    """Bring the rows of ``n`` fragments' surfaces and materials into the scratch array, from fragment ``first`` on."""
+    for k in range(0, n, 8):
+        for part in range(SURFACE_SIZE // 8):
+            turn_rows(table, SURFACE_SIZE, frag_surface, first + k, 8 * part, s, (8 * part) * STRIDE + k, STRIDE)
+    for k in range(np.uint64(n)):
+        s[_AWAY * STRIDE + k] = away[np.uint32(frag_surface[np.uint64(first) + k])]
+    for k in range(np.uint64(n)):
+        kinds[k] = np.int32(s[T_KIND * STRIDE + k])
+    for k in range(0, n, 8):
+        for part in range(MATERIAL_SIZE // 8):
+            to = (_MATERIAL + 8 * part) * STRIDE + k
+            turn_rows(materials, MATERIAL_SIZE, kinds, k, 8 * part, s, to, STRIDE)
 
 
 @jit(nogil=True)
-def locate(run, done, runs, run_triangle, run_pixel, run_length, run_x, run_y, run_weight, plane, table, materials,
-           map_affine, map_size, map_start, map_reach, light, rot, eye, view, s):  # fmt: skip
-    """Fill the scratch array with fragments, from pixel ``done`` of run ``run`` on → (run, done, fragments)."""
+def locate(first, n, frag_x, frag_y, cascades, sun_axes, rot, eye, view, s):
+    """Find position, normal, texture and shadow map places of ``n`` gathered fragments.
+
+    Args:
+        first: place of the first in ``frag_x`` and ``frag_y``, which hold pixels.
+        cascades: (3, 9) float32, see C_SCALE.
+        sun_axes: (3, 3) float32; rows are the shadow maps' u and v axes and the direction to the Sun.
+        rot, eye, view: the camera, as in ``draw_triangles``.
+        s: the scratch array.
+    """
     f32 = np.float32
+    one, zero = f32(1.0), f32(0.0)
     ex, ey, ez = f32(eye[0]), f32(eye[1]), f32(eye[2])
     inv_fx, inv_fy = f32(1.0 / view[0]), f32(1.0 / view[1])
     cx, cy = f32(view[2]), f32(view[3])
     r00, r01, r02 = f32(rot[0, 0]), f32(rot[0, 1]), f32(rot[0, 2])
     r10, r11, r12 = f32(rot[1, 0]), f32(rot[1, 1]), f32(rot[1, 2])
     r20, r21, r22 = f32(rot[2, 0]), f32(rot[2, 1]), f32(rot[2, 2])
-    one, zero = f32(1.0), f32(0.0)
-    sx, sy, sz = light[0], light[1], light[2]
-    shadows = map_size.shape[0] > 0
-    tight, middle = map_reach[0], map_reach[1]
     grain = inv_fx * f32(TILE)
-    n = 0
-    while run < runs and n < CHUNK:
-        t = np.uint32(run_triangle[run])
-        gx, w_run = plane[t, 0], plane[t, 1] * run_y[run] + plane[t, 2]
-        f = np.uint32(plane[t, 3])
-        n0, n1, n2 = table[f, 0], table[f, 1], table[f, 2]
-        n00, n01, n02 = table[f, 3], table[f, 4], table[f, 5]
-        n10, n11, n12 = table[f, 6], table[f, 7], table[f, 8]
-        n20, n21, n22 = table[f, 9], table[f, 10], table[f, 11]
-        m = np.uint32(table[f, 24])
-        scale = materials[m, 9]
-        gu, gux, guy, guz = table[f, 12] * scale, table[f, 13], table[f, 14], table[f, 15]
-        gv, gvx, gvy, gvz = table[f, 16] * scale, table[f, 17], table[f, 18], table[f, 19]
-        sux, suy, suz, svx, svy, svz = gux * scale, guy * scale, guz * scale, gvx * scale, gvy * scale, gvz * scale
-        ga, gax, gay, gaz = table[f, 20], table[f, 21], table[f, 22], table[f, 23]
-        both = table[f, 25]
-        base_r, base_g, base_b = materials[m, 0], materials[m, 1], materials[m, 2]
-        more_r, more_g, more_b = materials[m, 3] - base_r, materials[m, 4] - base_g, materials[m, 5] - base_b
-        rough, f0, metal, glow = materials[m, 6], materials[m, 7], materials[m, 8], materials[m, 12]
-        tint = materials[m, 13] if scale > zero else zero
-        bump = materials[m, 10] if scale > zero else zero
-        pattern = materials[m, 11] * f32(PATTERN_TEXELS)
-        dy = (run_y[run] - cy) * inv_fy
-        bx, by, bz = r10 * dy + r20, r11 * dy + r21, r12 * dy + r22
-        weight = run_weight[run]
-        left = min(run_length[run] - done, CHUNK - n)
-        while left > 0:
-            x0 = run_x[run] + f32(done)
-            w0, step = f32(gx * x0 + w_run), f32(gx)
-            c = np.uint32(0)
-            if shadows:  # the tightest map that holds the first and the last pixel
-                last = f32(min(left, 8) - 1)
-                for end in range(2):
-                    ahead = last if end else zero
-                    z = one / (w0 + step * ahead)
-                    dx = (x0 + ahead - cx) * inv_fx
-                    px, py, pz = ex + z * (r00 * dx + bx), ey + z * (r01 * dx + by), ez + z * (r02 * dx + bz)
-                    away = px * px + py * py + pz * pz
-                    c = max(c, np.uint32(np.uint32(away > tight) + np.uint32(away > middle)))
-            u0, u1, u2, u3 = map_affine[c, 0], map_affine[c, 1], map_affine[c, 2], map_affine[c, 3]
-            v0, v1, v2, v3 = map_affine[c, 4], map_affine[c, 5], map_affine[c, 6], map_affine[c, 7]
-            h0, h1, h2, h3, push = (
-                map_affine[c, 8], map_affine[c, 9], map_affine[c, 10], map_affine[c, 11], map_affine[c, 12]
-            )  # fmt: skip
-            span = f32(map_size[c] if shadows else 0)
-            edge, map_place = f32(span - f32(2.0)), f32(map_start[c] if shadows else 0)
-            pixel = f32(run_pixel[run] + done)
-            lanes = s[n:]  # with a start of its own, so that LLVM sees that no two stores of the loop meet
-            for k in range(np.uint64(8)):
-                ahead = f32(np.int32(k))
-                z = one / (w0 + step * ahead)
-                dx = (x0 + ahead - cx) * inv_fx
-                rx, ry, rz = r00 * dx + bx, r01 * dx + by, r02 * dx + bz
-                px, py, pz = ex + z * rx, ey + z * ry, ez + z * rz
-                nx = n0 + n00 * px + n01 * py + n02 * pz
-                ny = n1 + n10 * px + n11 * py + n12 * pz
-                nz = n2 + n20 * px + n21 * py + n22 * pz
-                ray = math.sqrt(rx * rx + ry * ry + rz * rz)
-                toward = nx * rx + ny * ry + nz * rz
-                sign = f32(-1.0) if both * toward > zero else one
-                nx, ny, nz = nx * sign, ny * sign, nz * sign
-                back = -one / ray
-                lanes[NX * STRIDE + k], lanes[NY * STRIDE + k], lanes[NZ * STRIDE + k] = nx, ny, nz
-                lanes[VX * STRIDE + k], lanes[VY * STRIDE + k], lanes[VZ * STRIDE + k] = rx * back, ry * back, rz * back
-                lanes[DIST * STRIDE + k] = z * ray
-                lanes[TU * STRIDE + k] = gu + sux * px + suy * py + suz * pz
-                lanes[TV * STRIDE + k] = gv + svx * px + svy * py + svz * pz
-                lanes[FOOT * STRIDE + k] = z * grain * scale / max(abs(toward * back), f32(0.3))
-                ao = ga + gax * px + gay * py + gaz * pz
-                lanes[AO * STRIDE + k] = min(max(ao, zero), one)
-                # where the Sun's map holds this point, pushed off the surface
-                px, py, pz = px + nx * push, py + ny * push, pz + nz * push
-                u, v = u0 * px + u1 * py + u2 * pz + u3, v0 * px + v1 * py + v2 * pz + v3
-                u, v = min(max(u, zero), edge), min(max(v, zero), edge)
-                iu, iv = f32(np.int32(u)), f32(np.int32(v))
-                high = h0 * px + h1 * py + h2 * pz + h3
-                lanes[FU * STRIDE + k], lanes[FV * STRIDE + k] = u - iu, v - iv
-                # below everything, so dark, where it is turned away
-                lanes[HIGH * STRIDE + k] = high if nx * sx + ny * sy + nz * sz > zero else f32(-2e9)
-                lanes[TEXEL * STRIDE + k] = map_place + iv * span + iu
-                lanes[SPAN * STRIDE + k] = span
-                lanes[UX * STRIDE + k], lanes[UY * STRIDE + k], lanes[UZ * STRIDE + k] = gux, guy, guz
-                lanes[WX * STRIDE + k], lanes[WY * STRIDE + k], lanes[WZ * STRIDE + k] = gvx, gvy, gvz
-                lanes[AR * STRIDE + k], lanes[AG * STRIDE + k], lanes[AB * STRIDE + k] = base_r, base_g, base_b
-                lanes[SR * STRIDE + k], lanes[SG * STRIDE + k], lanes[SB * STRIDE + k] = more_r, more_g, more_b
-                lanes[ROUGH * STRIDE + k], lanes[F0 * STRIDE + k], lanes[METAL * STRIDE + k] = rough, f0, metal
-                lanes[EMIT * STRIDE + k], lanes[TINT * STRIDE + k], lanes[BUMP * STRIDE + k] = glow, tint, bump
-                lanes[PATTERN * STRIDE + k] = pattern
-                lanes[PIXEL * STRIDE + k], lanes[WEIGHT * STRIDE + k] = pixel + ahead, weight
-            took = min(left, 8)
-            left -= took
-            n += took
-            done += took
-        if done >= run_length[run]:
-            run += 1
-            done = 0
-    return run, done, n
+    ux, uy, uz = sun_axes[0, 0], sun_axes[0, 1], sun_axes[0, 2]
+    vx, vy, vz = sun_axes[1, 0], sun_axes[1, 1], sun_axes[1, 2]
+    sx, sy, sz = sun_axes[2, 0], sun_axes[2, 1], sun_axes[2, 2]
+    near_map, middle_map, whole_map = cascades[0], cascades[1], cascades[2]
+    a_scale, a_u, a_v, a_levels, a_level = near_map[0], near_map[1], near_map[2], near_map[3], near_map[4]
+    a_push, a_size, a_start, a_reach = near_map[5], near_map[6], near_map[7], near_map[8]
+    b_scale, b_u, b_v, b_levels, b_level = middle_map[0], middle_map[1], middle_map[2], middle_map[3], middle_map[4]
+    b_push, b_size, b_start, b_reach = middle_map[5], middle_map[6], middle_map[7], middle_map[8]
+    c_scale, c_u, c_v, c_levels, c_level = whole_map[0], whole_map[1], whole_map[2], whole_map[3], whole_map[4]
+    c_push, c_size, c_start = whole_map[5], whole_map[6], whole_map[7]
+    xs, ys = frag_x[first : first + n], frag_y[first : first + n]
+    for k in range(np.uint64(n)):
+        dx, dy = (xs[k] - cx) * inv_fx, (ys[k] - cy) * inv_fy
+        rx, ry, rz = r00 * dx + r10 * dy + r20, r01 * dx + r11 * dy + r21, r02 * dx + r12 * dy + r22
+        slant = s[T_PLANE * STRIDE + k] * rx + s[(T_PLANE + 1) * STRIDE + k] * ry + s[(T_PLANE + 2) * STRIDE + k] * rz
+        z = s[_AWAY * STRIDE + k] / slant
+        px, py, pz = ex + z * rx, ey + z * ry, ez + z * rz
+        nx = s[0 * STRIDE + k] + s[3 * STRIDE + k] * px + s[4 * STRIDE + k] * py + s[5 * STRIDE + k] * pz
+        ny = s[1 * STRIDE + k] + s[6 * STRIDE + k] * px + s[7 * STRIDE + k] * py + s[8 * STRIDE + k] * pz
+        nz = s[2 * STRIDE + k] + s[9 * STRIDE + k] * px + s[10 * STRIDE + k] * py + s[11 * STRIDE + k] * pz
+        ray = math.sqrt(rx * rx + ry * ry + rz * rz)
+        toward = nx * rx + ny * ry + nz * rz
+        sign = f32(-1.0) if s[T_BOTH * STRIDE + k] * toward > zero else one
+        nx, ny, nz = nx * sign, ny * sign, nz * sign
+        back = -one / ray
+        s[NX * STRIDE + k], s[NY * STRIDE + k], s[NZ * STRIDE + k] = nx, ny, nz
+        s[VX * STRIDE + k], s[VY * STRIDE + k], s[VZ * STRIDE + k] = rx * back, ry * back, rz * back
+        s[DIST * STRIDE + k] = z * ray
+        scale = s[_SCALE * STRIDE + k]
+        s[TU * STRIDE + k] = scale * (
+            s[TU * STRIDE + k] + s[UX * STRIDE + k] * px + s[UY * STRIDE + k] * py + s[UZ * STRIDE + k] * pz
+        )
+        s[TV * STRIDE + k] = scale * (
+            s[TV * STRIDE + k] + s[WX * STRIDE + k] * px + s[WY * STRIDE + k] * py + s[WZ * STRIDE + k] * pz
+        )
+        s[FOOT * STRIDE + k] = z * grain * scale / max(abs(toward * back), f32(0.3))
+        ao = s[20 * STRIDE + k] + s[21 * STRIDE + k] * px + s[22 * STRIDE + k] * py + s[23 * STRIDE + k] * pz
+        # the finest of the Sun's maps that holds this point
+        far = px * px + py * py + pz * pz
+        m_scale = a_scale if far <= a_reach else (b_scale if far <= b_reach else c_scale)
+        m_u = a_u if far <= a_reach else (b_u if far <= b_reach else c_u)
+        m_v = a_v if far <= a_reach else (b_v if far <= b_reach else c_v)
+        m_levels = a_levels if far <= a_reach else (b_levels if far <= b_reach else c_levels)
+        m_level = a_level if far <= a_reach else (b_level if far <= b_reach else c_level)
+        push = a_push if far <= a_reach else (b_push if far <= b_reach else c_push)
+        size = a_size if far <= a_reach else (b_size if far <= b_reach else c_size)
+        start = a_start if far <= a_reach else (b_start if far <= b_reach else c_start)
+        # where it holds it, pushed off the surface
+        px, py, pz = px + nx * push, py + ny * push, pz + nz * push
+        edge = size - f32(2.0)
+        u = min(max((ux * px + uy * py + uz * pz) * m_scale + m_u, zero), edge)
+        v = min(max((vx * px + vy * py + vz * pz) * m_scale + m_v, zero), edge)
+        iu, iv = f32(np.int32(u)), f32(np.int32(v))
+        high = (sx * px + sy * py + sz * pz) * m_levels + m_level
+        s[FU * STRIDE + k], s[FV * STRIDE + k] = u - iu, v - iv
+        # below everything, so dark, where it is turned away
+        s[HIGH * STRIDE + k] = high if nx * sx + ny * sy + nz * sz > zero else f32(-2e9)
+        s[TEXEL * STRIDE + k] = start + iv * size + iu
+        s[SPAN * STRIDE + k] = size
+        s[AO * STRIDE + k] = min(max(ao, zero), one)

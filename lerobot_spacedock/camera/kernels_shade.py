@@ -30,7 +30,6 @@ from .kernels_resolve import (
     NY,
     NZ,
     PATTERN,
-    PIXEL,
     ROUGH,
     SB,
     SG,
@@ -48,7 +47,6 @@ from .kernels_resolve import (
     VX,
     VY,
     VZ,
-    WEIGHT,
     WX,
     WY,
     WZ,
@@ -60,20 +58,23 @@ LIGHT_SIZE = 18
 
 
 @jit(nogil=True)
-def shade_shadow(n, light, maps, shadows, s):
+def shade_shadow(n, light, maps, s, taps):
     """Share of the Sun that reaches n fragments (0..1): four texels of the map, bilinear."""
     one, zero = np.float32(1.0), np.float32(0.0)
-    if not shadows or light[3] <= zero:
+    if maps.shape[0] == 0 or light[3] <= zero:
         s[SUN * STRIDE : SUN * STRIDE + n] = one if light[3] > zero else zero
         return
     for k in range(np.uint64(n)):
-        h, fu, fv = s[HIGH * STRIDE + k], s[FU * STRIDE + k], s[FV * STRIDE + k]
         p = np.uint64(s[TEXEL * STRIDE + k])
         q = p + np.uint64(s[SPAN * STRIDE + k])
-        a = zero if maps[p] > h else one
-        b = zero if maps[p + np.uint64(1)] > h else one
-        d = zero if maps[q] > h else one
-        e = zero if maps[q + np.uint64(1)] > h else one
+        taps[k], taps[STRIDE + k] = maps[p], maps[p + np.uint64(1)]
+        taps[2 * STRIDE + k], taps[3 * STRIDE + k] = maps[q], maps[q + np.uint64(1)]
+    for k in range(np.uint64(n)):
+        h, fu, fv = s[HIGH * STRIDE + k], s[FU * STRIDE + k], s[FV * STRIDE + k]
+        a = zero if np.float32(taps[k]) > h else one
+        b = zero if np.float32(taps[STRIDE + k]) > h else one
+        d = zero if np.float32(taps[2 * STRIDE + k]) > h else one
+        e = zero if np.float32(taps[3 * STRIDE + k]) > h else one
         top = a + fu * (b - a)
         low = d + fu * (e - d)
         s[SUN * STRIDE + k] = top + fv * (low - top)
@@ -211,11 +212,11 @@ def lighten(n, light, s):
 
 
 @jit(nogil=True)
-def deposit(n, s, colour):
+def deposit(first, n, frag_pixel, frag_weight, s, colour):
     """Add n fragments' colours to their pixels."""
     for k in range(np.uint64(n)):
-        p = np.uint64(3) * np.uint64(s[PIXEL * STRIDE + k])
-        w = s[WEIGHT * STRIDE + k]
+        p = np.uint64(3) * np.uint64(frag_pixel[np.uint64(first) + k])
+        w = frag_weight[np.uint64(first) + k]
         colour[p] += w * s[AR * STRIDE + k]
         colour[p + np.uint64(1)] += w * s[AG * STRIDE + k]
         colour[p + np.uint64(2)] += w * s[AB * STRIDE + k]

@@ -6,7 +6,9 @@ branch a sample. LLVM splits a vector that is wider than the machine's own; noth
 result is the same on every CPU.
 
 Samples are kept in cells of 32: 8 columns x 4 sample rows. Cell (g, b) covers sample rows 4g .. 4g+3 and columns
-8b .. 8b+7; with four samples a pixel its rows are the samples of one row of pixels.
+8b .. 8b+7; with four samples a pixel its rows are the samples of one row of pixels. A cell is 64 whole numbers: the
+bits of the samples' 1/z, then what they show. Eight cells that stand one above the other are a tile, which is one piece
+of memory, because most triangles are small and reach down as far as across.
 """
 
 from __future__ import annotations
@@ -19,12 +21,21 @@ from numba.extending import intrinsic
 from lerobot_spacedock.jit import jit
 
 CELL_COLUMNS, CELL_ROWS = 8, 4
-CELL = CELL_COLUMNS * CELL_ROWS
+CELL_SAMPLES = CELL_COLUMNS * CELL_ROWS
+CELL = 2 * CELL_SAMPLES
+TILE_CELLS = 8
 
 
-def samples_of(width: int, height: int, samples: int) -> int:
-    """Numbers in the cells of a picture."""
-    return ((width + 7) >> 3) * ((height * samples + 3) >> 2) * CELL
+def tiles_of(width: int, height: int, samples: int) -> int:
+    """Tiles of a picture."""
+    groups = (height * samples + 3) >> 2
+    return ((width + 7) >> 3) * ((groups + TILE_CELLS - 1) // TILE_CELLS)
+
+
+@jit(nogil=True, forceinline=True)
+def cell_place(group, block, blocks):
+    """Where the cell of four sample rows ``group`` and eight columns ``block`` begins."""
+    return (((group >> 3) * blocks + block) * TILE_CELLS + (group & 7)) * CELL
 
 
 _I32, _F32, _F64 = ir.IntType(32), ir.FloatType(), ir.DoubleType()
@@ -48,9 +59,11 @@ def _pick(builder, vector, place: int, size: int):
 
 def _reduce(builder, vector, choose):
     """Fold the four elements of a vector into one scalar."""
-    e = [builder.extract_element(vector, _I32(k)) for k in range(4)]
-    fold = lambda a, b: builder.select(builder.icmp_signed(choose, a, b), a, b)  # noqa: E731
-    return fold(fold(e[0], e[1]), fold(e[2], e[3]))
+    for half in (2, 1):
+        mask = ir.Constant(_I4, [(k + half) % 4 for k in range(4)])
+        other = builder.shuffle_vector(vector, ir.Constant(_I4, ir.Undefined), mask)
+        vector = builder.select(builder.icmp_signed(choose, vector, other), vector, other)
+    return builder.extract_element(vector, _I32(0))
 
 
 def _ceil(builder, x):
@@ -60,48 +73,69 @@ def _ceil(builder, x):
     return builder.add(whole, builder.zext(less, _I4))
 
 
+class _VolatileStore(ir.instructions.StoreInstr):
+    """A store that LLVM leaves as it is (llvmlite has no word for it)."""
+
+    def descr(self, buf):
+        super().descr(buf)
+        buf[-1] = buf[-1].replace("store ", "store volatile ", 1)
+
+
+def _store_all(builder, vector, pointer) -> None:
+    """Store a choice between old and new whole. LLVM would make it a masked store, which costs AMD's CPUs 20 cycles."""
+    store = _VolatileStore(builder.block, vector, pointer)
+    store.align = 4
+    builder._insert(store)
+
+
 def _data(context, builder, array_type, value):
     return context.make_array(array_type)(context, builder, value).data
 
 
 @intrinsic
-def fill_cells(typing, depth, ids, first, wide, corners, slopes, plane, y_first, y_step, offsets, triangle):
+def fill_cells(
+    typing, cells, floors, first, tile, wide, corners, slopes, plane, nearest, y_first, y_step, offsets, surface
+):
     """Depth-test one triangle against four sample rows.
 
     Args:
-        depth: float32, 1/z of each sample, cells of 32.
-        ids: int32, the triangle that each sample shows.
-        first: int64, place of the rows' first cell in both arrays.
+        cells: int32, the picture's samples.
+        floors: float32, the farthest 1/z of each tile; tiles with nothing farther than ``nearest`` are passed over.
+        first, tile: int64, places of the rows' first cell and of its tile.
         wide: float64, columns of the picture.
         corners: five float64: x and y of the upper corner, x and y of the middle one, y of the lower one, pixels.
         slopes: three float64: dx/dy of the upper-lower, upper-middle and middle-lower edges.
         plane: three float64: 1/z = plane[0] x + plane[1] y + plane[2].
+        nearest: float32, the triangle's largest 1/z.
         y_first, y_step: float64, the rows' y in pixels.
         offsets: four float64, where in its column each row's samples stand.
-        triangle: int32, its number.
+        surface: int32, what it is part of.
     """
     real, whole = types.float64, types.int64
-    signature = types.void(depth, ids, whole, real, corners, slopes, plane, real, real, offsets, types.int32)
+    rest = (corners, slopes, plane, types.float32, real, real, offsets, types.int32)
+    signature = types.void(cells, floors, whole, whole, real, *rest)
 
     def codegen(context, builder, sig, args):
-        depth_p, ids_p = (_data(context, builder, sig.args[k], args[k]) for k in (0, 1))
-        ax, ay, bx, by, cy = (builder.extract_value(args[4], k) for k in range(5))
-        long, upper, lower = (_splat(builder, builder.extract_value(args[5], k), 4) for k in range(3))
-        gx, gy, g0 = (builder.extract_value(args[6], k) for k in range(3))
-        first_cell, triangle_8 = args[2], _splat(builder, args[10], 8)
+        cells_p = _data(context, builder, sig.args[0], args[0])
+        floors_p = _data(context, builder, sig.args[1], args[1])
+        first_cell, tile, wide, nearest, y_first, y_step, offset = (args[k] for k in (2, 3, 4, 8, 9, 10, 11))
+        ax, ay, bx, by, cy = (builder.extract_value(args[5], k) for k in range(5))
+        long, upper, lower = (_splat(builder, builder.extract_value(args[6], k), 4) for k in range(3))
+        gx, gy, g0 = (builder.extract_value(args[7], k) for k in range(3))
+        surface_8 = _splat(builder, args[12], 8)
         ay4, by4, bx4, ax4 = (_splat(builder, v, 4) for v in (ay, by, bx, ax))
         off = ir.Constant(_D4, ir.Undefined)
         for k in range(4):
-            off = builder.insert_element(off, builder.extract_value(args[9], k), _I32(k))
+            off = builder.insert_element(off, builder.extract_value(offset, k), _I32(k))
         add, sub, mul = builder.fadd, builder.fsub, builder.fmul
         rows = ir.Constant(_D4, [0.0, 1.0, 2.0, 3.0])
-        y = add(_splat(builder, args[7], 4), mul(rows, _splat(builder, args[8], 4)))
+        y = add(_splat(builder, y_first, 4), mul(rows, _splat(builder, y_step, 4)))
         down = sub(y, ay4)
         x0 = add(ax4, mul(down, long))
         above = builder.fcmp_ordered("<", y, by4)
         x1 = builder.select(above, add(ax4, mul(down, upper)), add(bx4, mul(sub(y, by4), lower)))
         swap = builder.fcmp_ordered("<", x1, x0)
-        zero, wide_4 = ir.Constant(_D4, [0.0] * 4), _splat(builder, args[3], 4)
+        zero, wide_4 = ir.Constant(_D4, [0.0] * 4), _splat(builder, wide, 4)
         ends = []
         for x in (builder.select(swap, x1, x0), builder.select(swap, x0, x1)):
             x = sub(x, off)
@@ -117,32 +151,38 @@ def fill_cells(typing, depth, ids, first, wide, corners, slopes, plane, y_first,
         step = mul(_splat(builder, builder.fptrunc(gx, _F32), 8), ir.Constant(_F8, [float(k) for k in range(8)]))
 
         entry = builder.block
-        loop, done = builder.append_basic_block("cells"), builder.append_basic_block("cells.done")
+        loop, draw, onward, done = map(builder.append_basic_block, ("cells", "draw", "onward", "done"))
         begins = builder.shl(column_first, _I32(3))
         builder.cbranch(builder.icmp_signed("<", begins, column_end), loop, done)
         builder.position_at_end(loop)
         column = builder.phi(_I32)
         column.add_incoming(begins, entry)
+        this = builder.add(tile, builder.zext(builder.ashr(column, _I32(3)), ir.IntType(64)))
+        floor = builder.load(builder.gep(floors_p, [this]))
+        builder.cbranch(builder.fcmp_ordered("<", floor, nearest), draw, onward)
+        builder.position_at_end(draw)
         x_row = add(_splat(builder, builder.sitofp(column, _F64), 4), off)
         w_row = builder.fptrunc(add(mul(_splat(builder, gx, 4), x_row), slope_y), ir.VectorType(_F32, 4))
         lane = builder.add(_splat(builder, column, 8), ir.Constant(_I8, list(range(8))))
-        place = builder.add(first_cell, builder.zext(builder.shl(column, _I32(2)), ir.IntType(64)))
+        place = builder.add(first_cell, builder.zext(builder.shl(column, _I32(6)), ir.IntType(64)))
         for k in range(4):
             here = builder.add(place, ir.IntType(64)(8 * k))
-            p = builder.bitcast(builder.gep(depth_p, [here]), _I8.as_pointer())
-            q = builder.bitcast(builder.gep(ids_p, [here]), _I8.as_pointer())
+            p = builder.bitcast(builder.gep(cells_p, [here]), _I8.as_pointer())
+            shown = builder.add(here, ir.IntType(64)(CELL_SAMPLES))
+            q = builder.bitcast(builder.gep(cells_p, [shown]), _I8.as_pointer())
             old, before = builder.load(p, align=4), builder.load(q, align=4)
             inside = builder.and_(
                 builder.icmp_signed(">=", lane, _pick(builder, low, k, 8)),
                 builder.icmp_signed("<", lane, _pick(builder, high, k, 8)),
             )
-            # The bits of floats that are not negative are ordered as their values are. A whole-number maximum cannot
-            # be turned into a masked store, which some CPUs take twenty cycles over.
+            # The bits of floats that are not negative are ordered as their values are.
             w = builder.bitcast(add(_pick(builder, w_row, k, 8), step), _I8)
             w = builder.and_(w, builder.sext(inside, _I8))
             nearer = builder.icmp_signed(">", w, old)
             builder.store(builder.select(nearer, w, old), p, align=4)
-            builder.store(builder.select(nearer, triangle_8, before), q, align=4)
+            _store_all(builder, builder.select(nearer, surface_8, before), q)
+        builder.branch(onward)
+        builder.position_at_end(onward)
         following = builder.add(column, _I32(8))
         column.add_incoming(following, builder.block)
         builder.cbranch(builder.icmp_signed("<", following, column_end), loop, done)
@@ -162,40 +202,68 @@ def _rows(context, builder, array_type, array, place, step, vector):
 
 
 @intrinsic
-def pure_columns(typing, ids, place, step):
-    """Which of 8 columns show one thing in all four rows: a bit for each. Step 0 looks at one row only."""
-    signature = types.int32(ids, types.int64, types.int64)
+def pure_columns(typing, cells, place, step):
+    """Which of 8 columns show one thing in all four rows, a bit for each; bits 8 to 15: whose first row shows nothing.
+
+    Step 0 looks at one row only.
+    """
+    signature = types.int32(cells, types.int64, types.int64)
 
     def codegen(context, builder, sig, args):
         row = _rows(context, builder, sig.args[0], *args, _I8)
         same = builder.icmp_signed("==", row[0], row[1])
         for other in row[2:]:
             same = builder.and_(same, builder.icmp_signed("==", row[0], other))
-        return builder.zext(builder.bitcast(same, ir.IntType(8)), _I32)
+        empty = builder.icmp_signed("<", row[0], ir.Constant(_I8, [0] * 8))
+        pure, bare = (builder.zext(builder.bitcast(bits, ir.IntType(8)), _I32) for bits in (same, empty))
+        return builder.or_(pure, builder.shl(bare, _I32(8)))
 
     return signature, codegen
 
 
+_UNPACK = ([0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15])  # of two rows: the shuffles that AVX has
+_PAIRS = ([0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15])
+_HALVES = ([0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15])
+
+
 @intrinsic
-def columns_of(typing, ids, place, step, triangle):
-    """Which of 8 columns show ``triangle`` in all four rows, a bit for each."""
-    signature = types.int32(ids, types.int64, types.int64, types.int32)
+def turn_rows(typing, table, size, which, place, column, out, to, stride):
+    """Eight numbers of each of eight rows of a table, turned on their side.
+
+    Args:
+        table: float32, C-ordered, rows of ``size`` numbers.
+        which: int32; its elements ``place`` .. ``place + 7`` are the rows.
+        column: the first number of each row.
+        out: float32, flat; number ``c`` of the ``k``-th row goes to ``to + c * stride + k``.
+    """
+    whole = types.int64
+    signature = types.void(table, whole, which, whole, whole, out, whole, whole)
 
     def codegen(context, builder, sig, args):
-        wanted = _splat(builder, args[3], 8)
-        row = _rows(context, builder, sig.args[0], *args[:3], _I8)
-        same = builder.icmp_signed("==", row[0], wanted)
-        for other in row[1:]:
-            same = builder.and_(same, builder.icmp_signed("==", other, wanted))
-        return builder.zext(builder.bitcast(same, ir.IntType(8)), _I32)
+        table_p, which_p, out_p = (_data(context, builder, sig.args[k], args[k]) for k in (0, 2, 5))
+        place, column = args[3], args[4]
+        i64 = ir.IntType(64)
+        rows = []
+        for k in range(8):
+            row = builder.zext(builder.load(builder.gep(which_p, [builder.add(place, i64(k))])), i64)
+            here = builder.gep(table_p, [builder.add(builder.mul(row, args[1]), column)])
+            rows.append(builder.load(builder.bitcast(here, _F8.as_pointer()), align=4))
+        mix = lambda a, b, mask: builder.shuffle_vector(a, b, ir.Constant(_I8, mask))  # noqa: E731
+        pairs = [[mix(rows[k], rows[k + 1], mask) for mask in _UNPACK] for k in (0, 2, 4, 6)]
+        fours = [[mix(a[h], b[h], mask) for h in (0, 1) for mask in _PAIRS] for a, b in (pairs[:2], pairs[2:])]
+        turned = [mix(fours[0][c], fours[1][c], mask) for mask in _HALVES for c in range(4)]
+        for c, vector in enumerate(turned):
+            here = builder.gep(out_p, [builder.add(args[6], builder.mul(args[7], i64(c)))])
+            builder.store(vector, builder.bitcast(here, _F8.as_pointer()), align=4)
+        return context.get_dummy_value()
 
     return signature, codegen
 
 
 @intrinsic
-def _smallest(typing, depth, place):
-    """The smallest of the 32 numbers of the cell at ``place``: nothing farther can be seen in it."""
-    signature = types.float32(depth, types.int64)
+def _smallest(typing, cells, place):
+    """The smallest of the 32 depths of the cell at ``place``: nothing farther can be seen in it."""
+    signature = types.float32(cells, types.int64)
 
     def codegen(context, builder, sig, args):
         row = _rows(context, builder, sig.args[0], *args, ir.IntType(64)(8), _F8)
@@ -210,11 +278,11 @@ def _smallest(typing, depth, place):
 
 
 @jit(nogil=True)
-def farthest(depth, place, stride, count):
-    """The smallest 1/z of ``count`` cells, ``stride`` numbers apart; stops at the first sample without anything."""
+def farthest(cells, place, count):
+    """The smallest 1/z of ``count`` cells of a tile; stops at the first sample without anything."""
     low = np.float32(np.inf)
     for k in range(count):
-        low = min(low, _smallest(depth, place + k * stride))
+        low = min(low, _smallest(cells, place + k * CELL))
         if low <= np.float32(0.0):
             break
     return low

@@ -11,24 +11,55 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lerobot_spacedock.jit import jit
 from lerobot_spacedock.station import MATERIALS, StationMesh
 
-from .kernels_resolve import TRIANGLE_SIZE
+from .kernels_raster import CLUSTER_TRIANGLES
+from .kernels_resolve import (
+    C_LEVEL_0,
+    C_LEVELS,
+    C_PUSH,
+    C_REACH,
+    C_SCALE,
+    C_SIZE,
+    C_START,
+    C_U,
+    C_V,
+    CASCADE_SIZE,
+    M_BASE,
+    M_BUMP,
+    M_PATTERN,
+    M_SCALE,
+    M_SECOND,
+    M_TINT,
+    MATERIAL_SIZE,
+    PATTERN_TEXELS,
+    SURFACE_SIZE,
+    T_AO,
+    T_BOTH,
+    T_KIND,
+    T_N,
+    T_PLANE,
+    T_U,
+    T_V,
+)
 from .openness import corner_openness
+from .surfaces import corner_numbers, cross, dot, find_surfaces, fit
 
-REGION_TRIANGLES = 768  # neighbours, sorted by the way they face
-CLUSTER_TRIANGLES = 64  # culled as one, within a region and facing one way
+REGION_TRIANGLES = 768  # neighbours, sorted by the way they face and then cut into clusters
+PART_WIDTHS_m = (0.02, 0.04, 0.08, 0.16)  # parts of like width make clusters together
 SHADOW_LAYOUT = ((1.15, 1536), (7.0, 1536), (0.0, 2048))  # half width about the port m (0: all of it), texels a side
 MAX_SUNS = 4
 
 
 @dataclass
 class Scene:
-    """Arrays of one station at one port. See ``kernels_raster`` and ``kernels_shade`` for their layouts."""
+    """Arrays of one station at one port. See ``kernels_raster`` and ``kernels_resolve`` for their layouts."""
 
     mesh: StationMesh
     corners: np.ndarray
     faces: np.ndarray
+    surface: np.ndarray
     segment: np.ndarray
     table: np.ndarray
     clusters: np.ndarray
@@ -54,54 +85,112 @@ class Scene:
 class ShadowMaps:
     """All cascades in one flat array, the tightest first."""
 
-    maps: np.ndarray
-    start: np.ndarray
-    size: np.ndarray
-    reach: np.ndarray  # m², squared distance from the port up to which each tight map is good
-    affine: (
-        np.ndarray
-    )  # (cascades, 13): u, v, height as affine functions of position, and the push along the normal in m
+    maps: np.ndarray  # uint16, levels of the height towards the Sun
+    cascades: np.ndarray  # (3, 9) float32; columns named by C_SCALE and the like in ``kernels_resolve``
+    axes: np.ndarray  # (3, 3) float32; rows are the maps' u and v axes and the direction to the Sun
 
 
 def build_scene(mesh: StationMesh) -> Scene:
     """Sort a mesh into clusters and work out its shading table."""
     corners = np.asarray(mesh.corners, np.float64)
-    order, starts = _cluster_order(corners, np.asarray(mesh.two_sided))
-    corners = corners[order]
-    normals = np.asarray(mesh.normals, np.float64)[order]
-    uvs = np.asarray(mesh.uvs, np.float64)[order]
+    width = part_widths(corners)
+    order, starts = _cluster_order(corners, np.asarray(mesh.two_sided), width)
+    corners, width = corners[order], width[order]
+    material, two_sided = np.asarray(mesh.material)[order], np.asarray(mesh.two_sided)[order]
+    across = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = across / np.maximum(np.sqrt(dot(across, across)), 1e-20)[:, None]
+    plane = np.concatenate([normal, dot(normal, corners[:, 0])[:, None]], -1)
+    materials = _material_table()
+    textured = materials[material, M_SCALE] > 0.0
+    uvs = np.asarray(mesh.uvs, np.float64)[order] * textured[:, None, None]
     openness = corner_openness(mesh)[order]
-    e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    cross = _cross(e1, e2)
-    length = np.sqrt(_dot(cross, cross))
-    normal = cross / np.maximum(length, 1e-20)[:, None]
-    faces = np.empty((len(corners), 5), np.float32)
-    faces[:, :3] = normal
-    faces[:, 3] = _dot(normal, corners[:, 0])
-    faces[:, 4] = np.asarray(mesh.two_sided)[order]
-    table = np.zeros((len(corners), TRIANGLE_SIZE), np.float32)
-    for place, values in ((0, normals), (12, uvs), (20, openness[..., None])):
-        table[:, place : place + 4 * values.shape[2]] = _affine(corners, e1, e2, values)
-    # the normal's constants come first, then its gradients row by row
-    block = table[:, :12].copy()
-    table[:, 0:3] = block[:, 0::4]
-    for row in range(3):
-        table[:, 3 + 3 * row : 6 + 3 * row] = block[:, 4 * row + 1 : 4 * row + 4]
-    table[:, 24] = mesh.material[order]
-    table[:, 25] = np.asarray(mesh.two_sided)[order]
+    values = np.concatenate([np.asarray(mesh.normals, np.float64)[order], uvs, openness[..., None]], -1)
+    segment = np.asarray(mesh.segment)[order]
+    kind = (material.astype(np.int64) * 256 + segment) * 2 + two_sided
+    seeds, surface = np.unique(find_surfaces(corners, values, plane, kind), return_inverse=True)
+    plane = plane[seeds]
+    faces = np.concatenate([plane[surface], two_sided[:, None]], -1).astype(np.float32)
+    functions = fit(surface, corners, values, plane[:, :3])
+    table = np.zeros((len(seeds), SURFACE_SIZE), np.float32)
+    table[:, T_N : T_N + 3] = functions[:, :3, 0]  # the normal's constants come first, then its gradients row by row
+    table[:, T_N + 3 : T_N + 12] = functions[:, :3, 1:].reshape(-1, 9)
+    table[:, T_U : T_U + 4], table[:, T_V : T_V + 4] = functions[:, 3], functions[:, 4]
+    table[:, T_AO : T_AO + 4] = functions[:, 5]
+    table[:, T_KIND], table[:, T_BOTH] = material[seeds], two_sided[seeds]
+    table[:, T_PLANE : T_PLANE + 3] = plane[:, :3]
     clusters = np.stack([starts, np.append(starts[1:], len(corners))], -1).astype(np.int32)
-    spheres, cones = _bounds(corners, normal, faces[:, 4] > 0.0, clusters)
+    spheres, cones = _bounds(corners, normal, two_sided, width, clusters)
     return Scene(
         mesh=mesh,
-        corners=np.ascontiguousarray(corners.reshape(-1, 9), np.float32),
-        faces=faces,
-        segment=np.ascontiguousarray(mesh.segment[order], np.uint8),
+        corners=np.ascontiguousarray(corners.reshape(-1, 9).T, np.float32),
+        faces=np.ascontiguousarray(faces.T),
+        surface=surface.astype(np.int32),
+        segment=np.ascontiguousarray(segment[seeds], np.uint8),
         table=table,
         clusters=clusters,
         spheres=spheres,
         cones=cones,
-        materials=np.array([m.row() for m in MATERIALS], np.float32),
+        materials=materials,
     )
+
+
+def part_widths(corners: np.ndarray) -> np.ndarray:
+    """How wide the part that each triangle belongs to looks on average, m, (F,); a part is what shares corners.
+
+    A convex body's mean silhouette is a quarter of its surface; here it is divided by the longest side of its box.
+    """
+    number = corner_numbers(corners)
+    part = _parts(number, int(number.max()) + 1)
+    count = int(part.max()) + 1
+    across = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * np.bincount(part, np.sqrt(dot(across, across)), count)
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, part, corners.min(1))
+    np.maximum.at(high, part, corners.max(1))
+    extent = np.sqrt(dot(high - low, high - low))
+    return np.round(0.25 * area / np.maximum(extent, 1e-9), 4)[part]
+
+
+@jit
+def _parts(number, count):
+    """The part of each triangle (F,): those that share a corner, directly or through others."""
+    root = np.arange(count)
+    for f in range(len(number)):
+        a = number[f, 0]
+        while root[a] != a:
+            root[a] = root[root[a]]
+            a = root[a]
+        for c in range(1, 3):
+            b = number[f, c]
+            while root[b] != b:
+                root[b] = root[root[b]]
+                b = root[b]
+            if b < a:
+                a, b = b, a
+            root[b] = a
+    names, part = np.full(count, -1), np.empty(len(number), np.int64)
+    parts = 0
+    for f in range(len(number)):
+        a = number[f, 0]
+        while root[a] != a:
+            a = root[a]
+        if names[a] < 0:
+            names[a] = parts
+            parts += 1
+        part[f] = names[a]
+    return part
+
+
+def _material_table() -> np.ndarray:
+    """(M, 16) float32, columns named by M_BASE and the like; the second colour as its difference from the first."""
+    table = np.zeros((len(MATERIALS), MATERIAL_SIZE), np.float32)
+    rows = np.array([m.row() for m in MATERIALS], np.float32)
+    table[:, : rows.shape[1]] = rows
+    table[:, M_SECOND : M_SECOND + 3] -= table[:, M_BASE : M_BASE + 3]
+    table[:, M_PATTERN] *= PATTERN_TEXELS
+    table[table[:, M_SCALE] <= 0.0, M_TINT] = 0.0
+    table[table[:, M_SCALE] <= 0.0, M_BUMP] = 0.0
+    return table
 
 
 def draw_shadow_maps(scene: Scene, sun: np.ndarray) -> ShadowMaps:
@@ -109,78 +198,61 @@ def draw_shadow_maps(scene: Scene, sun: np.ndarray) -> ShadowMaps:
     from .kernels_shadow import draw_depth
 
     helper = np.array([0.0, 0.0, 1.0]) if abs(sun[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
-    u = _cross(helper, sun)
-    u = u / np.sqrt(_dot(u, u))
-    v = _cross(sun, u)
+    u = cross(helper, sun)
+    u = u / np.sqrt(dot(u, u))
+    v = cross(sun, u)
     basis = np.stack([u, v, sun])
-    points = scene.corners.reshape(-1, 3).astype(np.float64)
-    start = np.zeros(len(SHADOW_LAYOUT), np.int64)
-    size = np.array([s for _, s in SHADOW_LAYOUT], np.int64)
-    start[1:] = np.cumsum(size * size)[:-1]
-    maps = np.empty(int((size * size).sum()), np.float32)
-    affine = np.zeros((len(SHADOW_LAYOUT), 13), np.float32)
+    corners = np.ascontiguousarray(scene.corners.T)
+    points = corners.reshape(-1, 3).astype(np.float64)
+    heights = dot(points, sun)
+    maps = np.empty(sum(s * s for _, s in SHADOW_LAYOUT), np.uint16)
+    depth = np.empty(max(s * s for _, s in SHADOW_LAYOUT), np.float32)
+    cascades = np.zeros((len(SHADOW_LAYOUT), CASCADE_SIZE), np.float32)
+    start = 0
     for c, (half, texels) in enumerate(SHADOW_LAYOUT):
         if half > 0.0:
             low_u = low_v = -half
             width = 2.0 * half
+            # what the map is asked about lies in a sphere: whatever stands above it counts as being at its top
+            low, high = -1.02 * half, 1.02 * half
         else:
-            pu, pv = _dot(points, u), _dot(points, v)
+            low, high = heights.min() - 0.1, heights.max() + 0.1
+            pu, pv = dot(points, u), dot(points, v)
             low_u, low_v = pu.min(), pv.min()
             width = max(pu.max() - low_u, pv.max() - low_v) * 1.01
             low_u, low_v = low_u - 0.005 * width, low_v - 0.005 * width
         per_m = texels / width
-        draw_depth(scene.corners, basis, low_u, low_v, per_m, texels, maps[start[c] : start[c] + texels * texels])
-        # bilinear taps sit half a texel in; the push hides the staircase of the map on slanted faces
-        affine[c, 0:3], affine[c, 3] = u * per_m, -low_u * per_m - 0.5
-        affine[c, 4:7], affine[c, 7] = v * per_m, -low_v * per_m - 0.5
-        affine[c, 8:11], affine[c, 11] = sun, 0.35 / per_m + 2e-4
-        affine[c, 12] = 1.6 / per_m
-    # a sphere about the port lies within its map from every direction; the push needs a little room
-    reach = np.array([(0.97 * half) ** 2 for half, _ in SHADOW_LAYOUT[:-1]], np.float32)
-    return ShadowMaps(maps, start, size, reach, affine)
+        draw_depth(corners, basis, low_u, low_v, per_m, texels, depth[: texels * texels])
+        levels = 65535.0 / (high - low)
+        _to_levels(depth[: texels * texels], np.float32(levels), np.float32(low), maps[start : start + texels * texels])
+        # bilinear taps sit half a texel in; bias and push hide the staircase of the map on slanted faces
+        cascades[c, C_SCALE], cascades[c, C_U], cascades[c, C_V] = per_m, -low_u * per_m - 0.5, -low_v * per_m - 0.5
+        cascades[c, C_LEVELS], cascades[c, C_LEVEL_0] = levels, (0.35 / per_m + 2e-4 - low) * levels
+        cascades[c, C_PUSH] = 1.6 / per_m
+        cascades[c, C_SIZE], cascades[c, C_START] = texels, start
+        # a sphere about the port lies within its map from every direction; the push needs a little room
+        cascades[c, C_REACH] = (0.97 * half) ** 2
+        start += texels * texels
+    return ShadowMaps(maps, cascades, basis.astype(np.float32))
 
 
-def _affine(corners, e1, e2, values) -> np.ndarray:
-    """Values at corners (F, 3, C) → per channel constant and gradient over position, (F, 4 C).
-
-    The gradient lies in the triangle's plane. Written out, so that no BLAS of another CPU can change a bit.
-    """
-    d11, d12, d22 = _dot(e1, e1), _dot(e1, e2), _dot(e2, e2)
-    det = np.maximum(d11 * d22 - d12 * d12, 1e-24)
-    g1 = (d22[:, None] * e1 - d12[:, None] * e2) / det[:, None]
-    g2 = (d11[:, None] * e2 - d12[:, None] * e1) / det[:, None]
-    out = np.empty((len(corners), 4 * values.shape[2]))
-    for c in range(values.shape[2]):
-        v0 = values[:, 0, c]
-        grad = (values[:, 1, c] - v0)[:, None] * g1 + (values[:, 2, c] - v0)[:, None] * g2
-        out[:, 4 * c] = v0 - _dot(grad, corners[:, 0])
-        out[:, 4 * c + 1 : 4 * c + 4] = grad
-    return out
+@jit(nogil=True)
+def _to_levels(heights, levels, low, out):
+    """Heights, m → 0 .. 65535, rounded down."""
+    for k in range(len(heights)):
+        out[k] = np.uint16(min(max((heights[k] - low) * levels, np.float32(0.0)), np.float32(65535.0)))
 
 
-def _dot(a, b) -> np.ndarray:
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
-
-
-def _cross(a, b) -> np.ndarray:
-    return np.stack(
-        [
-            a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1],
-            a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2],
-            a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0],
-        ],
-        -1,
-    )
-
-
-def _cluster_order(corners: np.ndarray, two_sided: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _cluster_order(corners: np.ndarray, two_sided: np.ndarray, width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Order of the triangles (F,), so that neighbours that face one way stand together, and the clusters' starts."""
     order = _morton_order(corners.mean(axis=1))
-    cross = _cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[order]
-    axis = np.abs(cross).argmax(axis=1)
-    side = 2 * axis + (np.take_along_axis(cross, axis[:, None], 1)[:, 0] > 0.0)
+    order = order[np.argsort(np.searchsorted(PART_WIDTHS_m, width[order]), kind="stable")]
+    across = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[order]
+    axis = np.abs(across).argmax(axis=1)
+    side = 2 * axis + (np.take_along_axis(across, axis[:, None], 1)[:, 0] > 0.0)
     side = np.where(two_sided[order], 6, side)
-    region = np.arange(len(order)) // REGION_TRIANGLES
+    size = np.searchsorted(PART_WIDTHS_m, width[order])
+    region = np.arange(len(order)) // REGION_TRIANGLES + 100000 * size
     group = 7 * region + side
     by_group = np.argsort(group, kind="stable")
     order, group = order[by_group], group[by_group]
@@ -189,21 +261,27 @@ def _cluster_order(corners: np.ndarray, two_sided: np.ndarray) -> tuple[np.ndarr
     return order, np.flatnonzero(within % CLUSTER_TRIANGLES == 0)
 
 
-def _bounds(corners, normal, two_sided, clusters) -> tuple[np.ndarray, np.ndarray]:
-    """For each cluster a sphere (centre, radius in m) and a cone that holds its normals (axis, sine; 2 where none)."""
-    spheres = np.empty((len(clusters), 4), np.float32)
+def _bounds(corners, normal, two_sided, width, clusters) -> tuple[np.ndarray, np.ndarray]:
+    """For each cluster a sphere and a cone.
+
+    Returns:
+        (K, 5) centre, radius and width of the widest part in m; (K, 4) axis of a cone that holds its normals and the
+        sine of its half angle, 2 where there is none.
+    """
+    spheres = np.empty((len(clusters), 5), np.float32)
     cones = np.tile(np.float32([0.0, 0.0, 0.0, 2.0]), (len(clusters), 1))  # no axis: never turned away
     for k, (a, b) in enumerate(clusters):
         points = corners[a:b].reshape(-1, 3)
         centre = 0.5 * (points.min(0) + points.max(0))
         spheres[k, :3] = centre
-        spheres[k, 3] = 1e-4 + 1.0001 * np.sqrt(_dot(points - centre, points - centre).max())
+        spheres[k, 3] = 1e-4 + 1.0001 * np.sqrt(dot(points - centre, points - centre).max())
+        spheres[k, 4] = width[a:b].max()
         axis = normal[a:b].sum(0)
-        length = np.sqrt(_dot(axis, axis))
+        length = np.sqrt(dot(axis, axis))
         if length < 1e-6 or two_sided[a:b].any():
             continue
         axis = axis / length
-        cos = _dot(normal[a:b], axis).min()
+        cos = dot(normal[a:b], axis).min()
         if cos > 0.02:
             cones[k] = *axis, np.sqrt(max(0.0, 1.0 - cos * cos)) + 1e-4
     return spheres, cones

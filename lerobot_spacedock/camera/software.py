@@ -10,10 +10,11 @@ from lerobot_spacedock.errors import SimulationError
 
 from .config import CameraConfig
 from .exposure import light_array
-from .kernels_raster import tiles_of
-from .kernels_simd import samples_of
+from .kernels_resolve import CASCADE_SIZE
+from .kernels_simd import CELL, TILE_CELLS, tiles_of
 from .pinhole import checked_pose, checked_sun, intrinsics, rotation_CH
 from .renderer import Buffers
+from .scene import ShadowMaps
 from .sensor import Sensor
 from .shared import compiling_notice, earth_texels, pattern_texels, shared_scene, star_table
 
@@ -49,9 +50,9 @@ class SoftwareRenderer:
             image = self._image(r, rot, checked_sun(sun_H), generator)
         scene, config = self._scene, self.config
         depth, segment = draw_geometry(
-            scene.corners, scene.faces, scene.clusters, scene.spheres, scene.cones, scene.segment, rot, r, self._view,
-            config.width, config.height, np.float32(config.far_m),
-            *_scratch(len(scene.corners), config.width, config.height, 1),
+            scene.corners, scene.faces, scene.surface, scene.clusters, scene.spheres, scene.cones, scene.segment,
+            rot, r, self._view, config.width, config.height, np.float32(config.far_m),
+            *_scratch(len(scene.table), config.width, config.height, 1),
         )  # fmt: skip
         return Buffers(image, depth, segment)
 
@@ -72,37 +73,26 @@ class SoftwareRenderer:
         linear = np.empty((height, width, 3) if self._sensor else (0, 0, 3), np.float32)
         image = np.empty((config.height, config.width, 3), np.uint8)
         draw_frame(
-            scene.corners, scene.faces, scene.clusters, scene.spheres, scene.cones, scene.table, scene.materials,
-            pattern_texels(), maps.maps, maps.start, maps.size, maps.affine, maps.reach, earth_texels(), star_table(),
+            scene.corners, scene.faces, scene.surface, scene.clusters, scene.spheres, scene.cones, scene.table,
+            scene.materials, pattern_texels(), maps.maps, maps.cascades, maps.axes, earth_texels(), star_table(),
             star_gain, light, rot, r, self._wide_view, width, height, config.samples,
-            *_scratch(len(scene.corners), width, height, config.samples), linear.reshape(-1), image.reshape(-1),
+            *_scratch(len(scene.table), width, height, config.samples), linear.reshape(-1), image.reshape(-1),
         )  # fmt: skip
         return self._sensor.expose(linear, generator) if self._sensor else image
 
 
-class _NoMaps:
-    maps = np.zeros(1, np.float32)
-    start = np.zeros(0, np.int64)
-    size = np.zeros(0, np.int64)
-    affine = np.zeros((1, 13), np.float32)
-    reach = np.zeros(2, np.float32)
+# one map about the port that nothing can be outside of, and no texels
+_NO_MAPS = ShadowMaps(np.zeros(0, np.uint16), np.zeros((3, CASCADE_SIZE), np.float32), np.zeros((3, 3), np.float32))
 
 
-_NO_MAPS = _NoMaps()
-
-
-def _scratch(triangles: int, width: int, height: int, samples: int) -> tuple[np.ndarray, ...]:
-    """Room for samples' depths and numbers, projected triangles and tiles: one a thread, shared by its renderers."""
-    shapes = (samples_of(width, height, samples),) * 2 + (2 * triangles, tiles_of(width, height, samples))
+def _scratch(surfaces: int, width: int, height: int, samples: int) -> tuple[np.ndarray, ...]:
+    """Room for samples, surfaces and tiles: one a thread, shared by its renderers."""
+    tiles = tiles_of(width, height, samples)
+    wanted = (tiles * TILE_CELLS * CELL, surfaces, tiles)
     room = getattr(_work, "room", None)
-    if room is None or any(len(a) < n for a, n in zip(room, shapes, strict=True)):
-        if room is not None:
-            shapes = tuple(max(len(a), n) for a, n in zip(room, shapes, strict=True))
-        room = (
-            np.empty(shapes[0], np.float32),
-            np.empty(shapes[1], np.int32),
-            np.empty((shapes[2], 4)),
-            np.empty(shapes[3], np.float32),
-        )
+    if room is None or any(len(a) < n for a, n in zip(room, wanted, strict=True)):
+        have = (0, 0, 0) if room is None else tuple(len(a) for a in room)
+        sizes = [max(pair) for pair in zip(have, wanted, strict=True)]
+        room = tuple(np.empty(n, kind) for n, kind in zip(sizes, (np.int32, np.float32, np.float32), strict=True))
         _work.room = room
     return room
