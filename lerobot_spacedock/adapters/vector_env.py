@@ -7,15 +7,20 @@ others of its batch fly on.
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import time
+from collections.abc import Iterator
+from multiprocessing.connection import wait
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
+from gymnasium.vector.async_vector_env import AsyncState
 from lerobot.utils.constants import OBS_STATE
 
 from lerobot_spacedock.adapters.evaluation_log import EvaluationLog, Inference
+from lerobot_spacedock.errors import SpaceDockError
 
 
 class _Logging:
@@ -80,6 +85,38 @@ class LoggingAsyncVectorEnv(_Logging, AsyncVectorEnv):
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(["lerobot.envs.utils", "lerobot_spacedock.env.spacedock"])
         super().__init__(env_fns, log=log, context="forkserver", **options)
+
+    def reset(self, **options):
+        with self._naming_a_lost_process():
+            return super().reset(**options)
+
+    def call(self, name, *args, **kwargs):
+        with self._naming_a_lost_process():
+            return super().call(name, *args, **kwargs)
+
+    def step(self, actions):
+        with self._naming_a_lost_process():
+            return super().step(actions)
+
+    @contextlib.contextmanager
+    def _naming_a_lost_process(self) -> Iterator[None]:
+        """Ends the others and says what happened; gymnasium would wait for ever for the lost one's answer, at exit too.
+
+        Raises:
+            SpaceDockError: an environment's process was killed.
+        """
+        try:
+            yield
+        except (EOFError, ConnectionError) as error:
+            wait([process.sentinel for process in self.processes], timeout=1.0)  # its pipe is gone before it is
+            lost = [index for index, process in enumerate(self.processes) if not process.is_alive()]
+            self._state = AsyncState.DEFAULT
+            self.close(terminate=True)
+            kept = "" if self._log is None else f" Finished episodes are kept in {self._log.folder}."
+            raise SpaceDockError(
+                f"The process of environment {lost} was ended from outside (killed, or out of memory).{kept} Evaluate "
+                "again into another --env.log_dir, with a smaller --eval.batch_size if memory was short."
+            ) from error
 
 
 def _of_env(info: dict[str, Any], index: int) -> dict[str, Any]:

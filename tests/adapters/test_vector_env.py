@@ -1,6 +1,8 @@
 """The vector envs under LeRobot's own rollout rules: each episode recorded once, its end carried out, nothing added."""
 
 import json
+import os
+import signal
 import time
 from functools import partial
 
@@ -13,7 +15,7 @@ from lerobot_spacedock.adapters.evaluation_log import METRICS_FILE, POLICY_FILE,
 from lerobot_spacedock.adapters.vector_env import LoggingAsyncVectorEnv, LoggingSyncVectorEnv
 from lerobot_spacedock.env.spacedock import SpaceDockEnv
 from lerobot_spacedock.episode_log import log_path, read_episode_log
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.metrics.episode import inference
 
 
@@ -88,6 +90,22 @@ def test_each_episode_is_recorded_once_with_what_its_end_carried(cls, tmp_path):
         assert "array" not in line
     # No reward leaks from a finished episode into the batch's sums.
     np.testing.assert_array_equal(np.concatenate(totals), [2 + seed % 3 for seed in range(6, 12)])
+
+
+def test_a_killed_process_is_said_and_what_was_finished_is_kept(tmp_path):
+    """gymnasium alone would wait for ever for its answer, when the vector env is closed or the program ends."""
+    env = make(LoggingAsyncVectorEnv, tmp_path, num_envs=2)
+    env.reset(seed=[6, 7], options={NEW_ROLLOUT_OPTION: True})
+    action = np.zeros((2, 1), dtype=np.float32)
+    env.step(action)
+    env.step(action)  # the first episode ends
+    os.kill(env.processes[1].pid, signal.SIGKILL)
+    with pytest.raises(SpaceDockError, match=r"environment \[1\] was ended from outside.*kept in"):
+        env.step(action)
+    env.close()
+    assert not any(process.is_alive() for process in env.processes)
+    assert [line["seed"] for line in lines(tmp_path)] == [6]
+    assert log_path(tmp_path, 6).exists()
 
 
 def test_a_batch_of_one(tmp_path):
