@@ -113,6 +113,9 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
     except (DraccusException, argparse.ArgumentError) as error:
         if isinstance(error.__cause__, InputError):  # a config's own check, which names the field and the remedy
             raise error.__cause__ from None
+        if missing := re.search(r"Missing required field\(s\) (.+) for", str(error)):
+            needed = " and ".join(f"--{name}" for name in re.findall(r"`(.+?)`", missing[1]))
+            raise InputError(prog, f"no {needed}", f"{needed}=…", f"{prog} --help lists all options.") from error
         raise InputError(prog, str(error), " ".join(known)) from error
     except InputError:
         raise

@@ -41,7 +41,8 @@ def existing_root(repo_id: str, root: str | None, *, downloaded: bool = False) -
         return path
     found = _downloads(repo_id) if downloaded and root is None else []
     if not found:
-        raise InputError("--root", str(path), "the folder of a LeRobotDataset (it holds meta/info.json)")
+        made = "Make one with spacedock demos or spacedock convert."
+        raise InputError("--root", str(path), "the folder of a LeRobotDataset (it holds meta/info.json)", made)
     return max(found, key=lambda folder: folder.stat().st_mtime)
 
 

@@ -83,6 +83,13 @@ def test_bad_flags_name_the_flag_and_the_remedy(arguments, fragments):
         assert fragment in str(caught.value)
 
 
+def test_a_missing_option_is_named_without_a_list_of_all(capsys):
+    assert cli.main(["convert", "--repo_id=a/b"]) == 2
+    said = capsys.readouterr().err
+    assert "no --source" in said
+    assert "--camera" not in said
+
+
 def test_a_configs_own_check_is_what_the_user_reads():
     with pytest.raises(InputError, match=r"camera\.height: got 0; allowed: a whole number"):
         cli.parse_config(Checked, ["--camera.height=0"], prog="spacedock demos")
