@@ -149,6 +149,12 @@ def train_arguments(folder: Path) -> Sequence[str]:
     )
 
 
+def train_again(folder: Path) -> Sequence[str]:
+    """With ``--resume=true``, which is refused where nothing has begun."""
+    begun = any((folder / "expert").glob("config.json*"))
+    return (*train_arguments(folder), *(["--resume=true"] if begun else []))
+
+
 def train_result(folder: Path) -> object:
     from safetensors.numpy import load_file
 
@@ -243,7 +249,7 @@ COMMANDS = {
     "push_large": lambda: _push("always"),
     "train-expert": lambda: Command(
         "spacedock train-expert", CLI, train_arguments, train_result, ("expert",),
-        again=lambda folder: (*train_arguments(folder), "--resume=true"),
+        again=train_again,
     ),
     "eval": lambda: Command(
         "lerobot-eval", "lerobot.scripts.lerobot_eval:main", eval_arguments, eval_result, ("eval*", "logs*"),
