@@ -26,7 +26,7 @@ import gymnasium
 import numpy as np
 from table import Row
 
-import lerobot_spacedock  # noqa: F401  registers the environments
+from lerobot_spacedock.adapters import SpaceDockEnvConfig
 from lerobot_spacedock.camera import FIXED_SUN_H, CameraConfig, make_renderer
 from lerobot_spacedock.camera.contact_sheet import port_pose
 from lerobot_spacedock.errors import MissingDependencyError
@@ -196,9 +196,8 @@ def memory() -> None:
     print(f"{ENVS} envs, one process: {kib('self', 'Pss') / 1024:.0f} MiB ({before / 1024:.0f} MiB before the first)")
     for env in envs:
         env.close()
-    make = [lambda: gymnasium.make("SpaceDock-v0")] * ENVS
-    vector = gymnasium.vector.AsyncVectorEnv(make, shared_memory=True, context="forkserver")
-    vector.reset(seed=0)
+    vector = SpaceDockEnvConfig().create_envs(ENVS, use_async_envs=True)["spacedock"][0]
+    vector.reset(seed=list(range(ENVS)))
     vector.step(np.zeros((ENVS, 6), np.float32))
     total = sum(kib(process.pid, "Pss") for process in vector.processes)
     private = max(kib(p.pid, "Private_Dirty") + kib(p.pid, "Private_Clean") for p in vector.processes)

@@ -83,7 +83,7 @@ class LoggingAsyncVectorEnv(_Logging, AsyncVectorEnv):
 
     def __init__(self, env_fns, *, log: EvaluationLog | None = None, **options: Any) -> None:
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["lerobot.envs.utils", "lerobot_spacedock.env.spacedock"])
+        context.set_forkserver_preload(["lerobot_spacedock.adapters.worker"])
         super().__init__(env_fns, log=log, context="forkserver", **options)
 
     def reset(self, **options):

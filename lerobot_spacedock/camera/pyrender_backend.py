@@ -189,7 +189,7 @@ def _stage_for(scene):
             projection[1, 3] += projection[1, 1] * middle[1]
             return projection
 
-    mesh = scene.mesh
+    mesh = scene.load_mesh()
     stage = pyrender.Scene(bg_color=[0.0, 0.0, 0.0, 0.0], ambient_light=[0.0, 0.0, 0.0])
     stage.add(pyrender.Mesh(primitives=[p for p in (_primitive(mesh, m) for m in range(len(MATERIALS))) if p]))
     ids = {}

@@ -5,14 +5,18 @@ Scenes are shared: every renderer in the process that asks for the same station 
 
 from __future__ import annotations
 
+import functools
 import threading
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from lerobot_spacedock.jit import jit
 from lerobot_spacedock.station import MATERIALS, StationMesh
+from lerobot_spacedock.station.cache import cached_arrays
 
 from .kernels_raster import CLUSTER_TRIANGLES
 from .kernels_resolve import (
@@ -50,13 +54,15 @@ REGION_TRIANGLES = 768  # neighbours, sorted by the way they face and then cut i
 PART_WIDTHS_m = (0.02, 0.04, 0.08, 0.16)  # parts of like width make clusters together
 SHADOW_LAYOUT = ((1.15, 1536), (7.0, 1536), (0.0, 2048))  # half width about the port m (0: all of it), texels a side
 MAX_SUNS = 4
+# what the cached arrays depend on
+_ROOM = Path(__file__).parent
+SOURCES = tuple(str(path) for path in sorted([*_ROOM.glob("*.py"), *(_ROOM.parent / "station").glob("*.py")]))
 
 
 @dataclass
 class Scene:
     """Arrays of one station at one port. See ``kernels_raster`` and ``kernels_resolve`` for their layouts."""
 
-    mesh: StationMesh
     corners: np.ndarray
     faces: np.ndarray
     surface: np.ndarray
@@ -66,19 +72,31 @@ class Scene:
     spheres: np.ndarray
     cones: np.ndarray
     materials: np.ndarray
+    load_mesh: Callable[[], StationMesh]  # what it was made from
+    kept_suns: dict[bytes, str] = field(default_factory=dict)  # directions whose shadow maps stay in the user's cache
     lock: threading.Lock = field(default_factory=threading.Lock)
     shadows: OrderedDict = field(default_factory=OrderedDict)
 
     def shadow_maps(self, sun: np.ndarray) -> ShadowMaps:
         """The maps for a direction to the Sun, drawn on first use; the last few directions are kept."""
-        key = sun.astype(np.float32).tobytes()
+        key = sun_key(sun)
         with self.lock:
             if key not in self.shadows:
-                self.shadows[key] = draw_shadow_maps(self, sun)
+                self.shadows[key] = self._maps(sun, self.kept_suns.get(key))
                 while len(self.shadows) > MAX_SUNS:
                     self.shadows.popitem(last=False)
             self.shadows.move_to_end(key)
             return self.shadows[key]
+
+    def _maps(self, sun: np.ndarray, name: str | None) -> ShadowMaps:
+        if name is None:
+            return ShadowMaps(**draw_shadow_maps(self, sun))
+        return ShadowMaps(**cached_arrays(name, SOURCES, lambda: draw_shadow_maps(self, sun)))
+
+
+def sun_key(sun: np.ndarray) -> bytes:
+    """Directions that are equal in single precision are one."""
+    return np.asarray(sun, np.float32).tobytes()
 
 
 @dataclass(frozen=True)
@@ -90,8 +108,20 @@ class ShadowMaps:
     axes: np.ndarray  # (3, 3) float32; rows are the maps' u and v axes and the direction to the Sun
 
 
-def build_scene(mesh: StationMesh) -> Scene:
-    """Sort a mesh into clusters and work out its shading table."""
+def make_scene(load_mesh: Callable[[], StationMesh], name: str | None = None) -> Scene:
+    """The scene of a mesh.
+
+    Args:
+        load_mesh: gives the mesh; called when it is needed.
+        name: under which the arrays are kept in the user's cache; without one they are made anew in each process.
+    """
+    made = functools.partial(scene_arrays, load_mesh)
+    return Scene(**(made() if name is None else cached_arrays(name, SOURCES, made)), load_mesh=load_mesh)
+
+
+def scene_arrays(load_mesh: Callable[[], StationMesh]) -> dict[str, np.ndarray]:
+    """Sorts a mesh into clusters and works out its shading table: the arrays of ``Scene``."""
+    mesh = load_mesh()
     corners = np.asarray(mesh.corners, np.float64)
     width = part_widths(corners)
     order, starts = _cluster_order(corners, np.asarray(mesh.two_sided), width)
@@ -120,18 +150,17 @@ def build_scene(mesh: StationMesh) -> Scene:
     table[:, T_PLANE : T_PLANE + 3] = plane[:, :3]
     clusters = np.stack([starts, np.append(starts[1:], len(corners))], -1).astype(np.int32)
     spheres, cones = _bounds(corners, normal, two_sided, width, clusters)
-    return Scene(
-        mesh=mesh,
-        corners=np.ascontiguousarray(corners.reshape(-1, 9).T, np.float32),
-        faces=np.ascontiguousarray(faces.T),
-        surface=surface.astype(np.int32),
-        segment=np.ascontiguousarray(segment[seeds], np.uint8),
-        table=table,
-        clusters=clusters,
-        spheres=spheres,
-        cones=cones,
-        materials=materials,
-    )
+    return {
+        "corners": np.ascontiguousarray(corners.reshape(-1, 9).T, np.float32),
+        "faces": np.ascontiguousarray(faces.T),
+        "surface": surface.astype(np.int32),
+        "segment": np.ascontiguousarray(segment[seeds], np.uint8),
+        "table": table,
+        "clusters": clusters,
+        "spheres": spheres,
+        "cones": cones,
+        "materials": materials,
+    }
 
 
 def part_widths(corners: np.ndarray) -> np.ndarray:
@@ -193,8 +222,8 @@ def _material_table() -> np.ndarray:
     return table
 
 
-def draw_shadow_maps(scene: Scene, sun: np.ndarray) -> ShadowMaps:
-    """Draw every cascade for a unit direction to the Sun."""
+def draw_shadow_maps(scene: Scene, sun: np.ndarray) -> dict[str, np.ndarray]:
+    """Draws every cascade for a unit direction to the Sun: the arrays of ``ShadowMaps``."""
     from .kernels_shadow import draw_depth
 
     helper = np.array([0.0, 0.0, 1.0]) if abs(sun[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
@@ -233,7 +262,7 @@ def draw_shadow_maps(scene: Scene, sun: np.ndarray) -> ShadowMaps:
         # a sphere about the port lies within its map from every direction; the push needs a little room
         cascades[c, C_REACH] = (0.97 * half) ** 2
         start += texels * texels
-    return ShadowMaps(maps, cascades, basis.astype(np.float32))
+    return {"maps": maps, "cascades": cascades, "axes": basis.astype(np.float32)}
 
 
 @jit(nogil=True)

@@ -14,7 +14,8 @@ from lerobot_spacedock.station import load_station, materials, station_for_port
 from lerobot_spacedock.station.cache import cached_arrays
 from lerobot_spacedock.station.mesh import checked_transform
 
-from .scene import Scene, build_scene
+from .scene import Scene, make_scene, sun_key
+from .sun import FIXED_SUN_H
 
 _lock = threading.RLock()
 _scenes: dict[tuple, Scene] = {}
@@ -33,8 +34,13 @@ def shared_scene(port: str, detail: str, station_mesh=None, station_pose=None) -
         key = (str(path), stamp, pose)
     with _lock:
         if key not in _scenes:
-            mesh = station_for_port(port, detail) if station_mesh is None else load_station(station_mesh, station_pose)
-            _scenes[key] = build_scene(mesh)
+            if station_mesh is None:
+                scene = make_scene(functools.partial(station_for_port, port, detail), f"scene-{port}-{detail}")
+                scene.kept_suns[sun_key(FIXED_SUN_H[port])] = f"shadows-{port}-{detail}"
+            else:
+                mesh = load_station(station_mesh, station_pose)
+                scene = make_scene(lambda: mesh)
+            _scenes[key] = scene
         return _scenes[key]
 
 

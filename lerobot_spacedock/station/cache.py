@@ -1,9 +1,13 @@
-"""Arrays that take a second to make, kept between runs where the user's cache folder can be written."""
+"""Arrays that take a second to make, kept between runs where the user's cache folder can be written.
+
+They are mapped into memory: processes of one machine that read the same arrays share their pages.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -22,21 +26,31 @@ def cached_arrays(name: str, source: str | tuple[str, ...], make: Callable[[], d
     for path in (source,) if isinstance(source, str) else source:
         digest.update(Path(path).read_bytes())
     try:
-        path = user_cache_dir() / f"{name}-{digest.hexdigest()[:16]}.npz"
-        with np.load(path, allow_pickle=False) as stored:
-            return {key: stored[key] for key in stored.files}
-    except (OSError, ValueError, EOFError, KeyError, RuntimeError):
-        pass  # also zipfile.BadZipFile's relatives, below
-    except Exception as error:
-        if type(error).__name__ != "BadZipFile":
-            raise
+        folder = user_cache_dir() / f"{name}-{digest.hexdigest()[:16]}"
+    except RuntimeError:  # no home
+        return make()
+    stored = _read(folder)
+    if stored:
+        return stored
     arrays = make()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, aside = tempfile.mkstemp(dir=path.parent, suffix=".npz")
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, **arrays)
-        os.replace(aside, path)  # whole or not at all, also with several processes at once
-    except (OSError, RuntimeError):
-        pass
-    return arrays
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(folder, ignore_errors=True)  # a damaged one
+        aside = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{name}-"))
+        try:
+            for key, values in arrays.items():
+                np.save(aside / f"{key}.npy", values, allow_pickle=False)
+            os.rename(aside, folder)  # whole or not at all, also with several processes at once
+        finally:
+            shutil.rmtree(aside, ignore_errors=True)
+    except OSError:
+        return arrays
+    return _read(folder) or arrays
+
+
+def _read(folder: Path) -> dict[str, np.ndarray]:
+    """The arrays of a folder; none if it is not there or cannot be read. Writing into one changes no file."""
+    try:
+        return {path.stem: np.asarray(np.load(path, mmap_mode="c")).view(np.ndarray) for path in folder.glob("*.npy")}
+    except (OSError, ValueError, EOFError):
+        return {}
