@@ -96,8 +96,9 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
 
     parser = ArgumentParser(config_class, prog=prog)
     if "-h" in arguments or "--help" in arguments:
-        for action in parser.parser._actions:  # argparse formats help texts: "99 %" would be taken for a format
-            action.help = re.sub(r"%(?!\()", "%%", action.help or "")
+        groups = parser.parser._action_groups  # these still hold actions that others of the same flag have replaced
+        for action in {*parser.parser._actions, *(action for group in groups for action in group._group_actions)}:
+            _tidy_help(action, config_class)
         parser.parser.print_help()
         raise SystemExit(0)
     known = sorted({flag for action in parser.parser._actions for flag in action.option_strings} - {"-h", "--help"})
@@ -116,6 +117,13 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
         if missing := re.search(r"Missing required field\(s\) (.+) for", str(error)):
             needed = " and ".join(f"--{name}" for name in re.findall(r"`(.+?)`", missing[1]))
             raise InputError(prog, f"no {needed}", f"{needed}=…", f"{prog} --help lists all options.") from error
+        field = re.match(r"`(.+?)`: ", str(error))
+        if field and f"--{field[1]}" in known:
+            given = next((a for a in arguments if a.startswith(f"--{field[1]}=")), f"--{field[1]}")
+            said = str(error)[field.end() :].partition(" Underlying error")[0]
+            kind = re.search(r"into an? (\w+)", said)
+            allowed = f"a value of type {kind[1]}" if kind else "a value of the type that --help names"
+            raise InputError(prog, given, allowed, f"{prog} --help lists all options.") from error
         raise InputError(prog, str(error), " ".join(known)) from error
     except InputError:
         raise
@@ -125,6 +133,23 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
         flag = unknown[0].split("=", 1)[0]
         raise InputError(prog, unknown[0], " ".join(known), _suggestion(flag, known))
     return config
+
+
+def _tidy_help(action: argparse.Action, config_class: type) -> None:
+    """What draccus says of an option, as a reader needs it; argparse formats it: "99 %" would be taken for a format."""
+    text = action.help or ""
+    required = {f.name for f in dataclasses.fields(config_class) if _is_required(f)}
+    if text.startswith("Config file for "):  # said twice of each group, which can be read from a file of its own
+        action.help = argparse.SUPPRESS
+    elif action.dest in required:
+        action.help = f"{text.replace('%', '%%')} (required)"
+        action.default = argparse.SUPPRESS  # else the formatter adds a default of None
+    else:
+        action.help = re.sub(r"%(?!\()", "%%", text)
+
+
+def _is_required(option: dataclasses.Field) -> bool:
+    return option.default is dataclasses.MISSING and option.default_factory is dataclasses.MISSING
 
 
 def _joined(arguments: Sequence[str], list_flags: set[str]) -> list[str]:

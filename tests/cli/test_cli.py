@@ -90,6 +90,20 @@ def test_a_missing_option_is_named_without_a_list_of_all(capsys):
     assert "--camera" not in said
 
 
+def test_a_value_of_another_type_is_named_without_a_list_of_all():
+    with pytest.raises(InputError, match=r"got --num_episodes=many; allowed: a value of type int") as caught:
+        parse("--repo_id=a/b", "--num_episodes=many")
+    assert "--camera" not in str(caught.value)
+
+
+def test_help_says_what_is_required_and_names_each_option_once(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["convert", "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "user/name of the dataset (required)" in said
+    assert "Config file for" not in said
+
+
 def test_a_configs_own_check_is_what_the_user_reads():
     with pytest.raises(InputError, match=r"camera\.height: got 0; allowed: a whole number"):
         cli.parse_config(Checked, ["--camera.height=0"], prog="spacedock demos")
