@@ -166,6 +166,12 @@ def _check(config: DemosConfig) -> None:
         raise InputError("--expert", config.expert, " | ".join(EXPERTS))
     if config.checkpoint is not None and not config.expert.startswith("meta_rl"):
         raise InputError("--checkpoint", config.checkpoint, "nothing, unless --expert=meta_rl")
+    if config.checkpoint is not None:
+        from lerobot_spacedock.expert.checkpoint import GENTLE, find_checkpoint
+
+        if not find_checkpoint(config.checkpoint).is_file():
+            allowed = f"{GENTLE}, or a file or folder that spacedock train-expert wrote"
+            raise InputError("--checkpoint", config.checkpoint, allowed, "Left out, it is the one that ships.")
     check_rule(config.select)
     if config.env_id not in ENV_IDS or ENV_IDS[config.env_id].get("withhold_pose"):
         known = [name for name, options in ENV_IDS.items() if not options.get("withhold_pose")]

@@ -96,7 +96,7 @@ class Job:
             True where an unfinished job goes on.
 
         Raises:
-            InputError: the dataset exists, or the folder holds a job with other settings.
+            InputError: the dataset exists, or the folder holds finished work of a job with other settings.
         """
         shutil.rmtree(self._trash, ignore_errors=True)
         if self.root.exists():
@@ -107,6 +107,9 @@ class Job:
         path = self.folder / "settings.json"
         if path.exists():
             before = json.loads(path.read_text())
+            if before != settings and not self._anything_finished():
+                self._discard()  # it failed before it had made anything: nothing to go on from, nothing to lose
+                return self.begin(settings)
             if before != settings:
                 keys = [key for key in {**before, **settings} if before.get(key) != settings.get(key)]
                 changes = ", ".join(f"{key} was {before.get(key)!r}, now {settings.get(key)!r}" for key in keys)
@@ -121,6 +124,11 @@ class Job:
             folder.mkdir(parents=True, exist_ok=True)
         write_json(path, settings)
         return False
+
+    def _anything_finished(self) -> bool:
+        """Whether the folder holds a flight, a shard, a plan or more, which other settings would throw away."""
+        empty = all(not any(part.iterdir()) for part in (self.shards, self.flights, self.progress) if part.exists())
+        return not empty or self.plan_path.exists() or (self.folder / "selection.json").exists()
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:

@@ -300,6 +300,13 @@ def test_an_unfinished_job_goes_on_only_with_its_own_settings(raw_export, tmp_pa
     assert check_dataset(root).errors == []
 
 
+def test_a_job_that_failed_before_it_made_anything_begins_anew_with_other_settings(log_folder, tmp_path):
+    with pytest.raises(InputError, match="--source"):
+        run(tmp_path / "mistyped", tmp_path / "d")
+    run(log_folder, tmp_path / "d")
+    assert check_dataset(tmp_path / "d").errors == []
+
+
 def test_pictures_of_another_size_are_scaled(flights, tmp_path):
     folder = tmp_path / "raw"
     write_raw_export(folder, [short(flights[0], 6)], pictures=True)
