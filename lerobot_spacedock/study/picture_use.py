@@ -40,7 +40,7 @@ def load_pictures(
     dataset_root: Path, num_frames: int, seed: int = 0
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Frames drawn from a dataset: pictures (F, 3, H, W) in [0, 1], states (F, 13 or 7), actions (F, 6)."""
-    dataset = LeRobotDataset("spacedock/pictures", root=dataset_root)
+    dataset = LeRobotDataset("spacedock/pictures", root=dataset_root, video_backend="pyav")
     index = np.random.default_rng(seed).choice(len(dataset), size=min(num_frames, len(dataset)), replace=False)
     items = [dataset[int(i)] for i in index]
     pictures, states, actions = (torch.stack([item[name] for item in items]) for name in (CAMERA, OBS_STATE, ACTION))
