@@ -7,6 +7,7 @@ import json
 import math
 import os
 import platform
+import re
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, replace
@@ -138,7 +139,8 @@ def _prepare(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) 
     begun = any(output.glob("config.json*"))  # and perhaps killed before its first checkpoint
     if config.resume and not begun:
         raise InputError("resume", str(output), "the output_dir of a training", "Start without --resume=true.")
-    if torch.device(config.device).type == "cuda" and not torch.cuda.is_available():
+    known = re.fullmatch(r"cpu|cuda(:\d+)?", config.device)
+    if not known or (config.device != "cpu" and not torch.cuda.is_available()):
         raise InputError("device", config.device, "cpu, or cuda where torch sees a GPU")
     if config.init_from is not None and not starts_from_checkpoint(config):
         find_dataset(config.init_from)

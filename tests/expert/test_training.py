@@ -249,6 +249,8 @@ def test_what_is_refused(tmp_path):
     if not torch.cuda.is_available():
         with pytest.raises(InputError, match="where torch sees a GPU"):
             train_expert(small(tmp_path / "gpu", device="cuda"))
+    with pytest.raises(InputError, match="cuda where torch sees"):
+        train_expert(small(tmp_path / "gpu", device="gpu"))
     newest = checkpoints(tmp_path / "done" / "checkpoints")[-1]
     (newest / "training.safetensors").write_bytes(b"\x80\x04pickle")
     with pytest.raises(FileFormatError, match="cannot be read"):
