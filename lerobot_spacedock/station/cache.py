@@ -35,17 +35,27 @@ def cached_arrays(name: str, source: str | tuple[str, ...], make: Callable[[], d
     arrays = make()
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        shutil.rmtree(folder, ignore_errors=True)  # a damaged one
         aside = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{name}-"))
         try:
             for key, values in arrays.items():
                 np.save(aside / f"{key}.npy", values, allow_pickle=False)
-            os.rename(aside, folder)  # whole or not at all, also with several processes at once
+            _put(aside, folder)
         finally:
             shutil.rmtree(aside, ignore_errors=True)
     except OSError:
         return arrays
     return _read(folder) or arrays
+
+
+def _put(aside: Path, folder: Path) -> None:
+    """Renames: whole or not at all. Where another process was faster its folder stays; a damaged one is replaced."""
+    try:
+        os.rename(aside, folder)
+    except OSError:
+        if _read(folder):
+            return
+        shutil.rmtree(folder, ignore_errors=True)
+        os.rename(aside, folder)
 
 
 def _read(folder: Path) -> dict[str, np.ndarray]:

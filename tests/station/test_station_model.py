@@ -105,6 +105,21 @@ def test_two_builds_are_equal_with_and_without_the_cache(monkeypatch, tmp_path):
     assert list((tmp_path / "a").glob("station-*/*.npy"))
 
 
+def test_a_slower_process_leaves_the_arrays_of_a_faster_one(monkeypatch, tmp_path):
+    monkeypatch.setenv("SPACEDOCK_CACHE", str(tmp_path))
+
+    def slow():
+        cache.cached_arrays("x", __file__, lambda: {"a": np.arange(3)})  # the other one, meanwhile
+        (inode,) = [path.stat().st_ino for path in tmp_path.glob("x-*/a.npy")]
+        seen.append(inode)
+        return {"a": np.arange(3)}
+
+    seen = []
+    assert cache.cached_arrays("x", __file__, slow)["a"].tolist() == [0, 1, 2]
+    assert [path.stat().st_ino for path in tmp_path.glob("x-*/a.npy")] == seen
+    assert not list(tmp_path.glob(".x-*"))
+
+
 def test_a_damaged_cache_is_made_anew(monkeypatch, tmp_path):
     monkeypatch.setenv("SPACEDOCK_CACHE", str(tmp_path))
     source = __file__
