@@ -51,6 +51,8 @@ class ConvertConfig:
     repeat_terminal: int = 0
     # the observed state carries the mass (14 values)
     with_mass: bool = False
+    # the observed state holds velocity and rates only (6 values), as in SpaceDockVision-v0
+    withhold_pose: bool = False
     # auto takes stored pictures and draws where there are none; draw always draws; none writes states alone
     images: str = "auto"
     camera: CameraConfig = field(default_factory=CameraConfig)
@@ -130,6 +132,7 @@ def _layout(config: ConvertConfig, camera: CameraConfig) -> DatasetLayout:
         height=camera.height,
         width=camera.width,
         with_mass=config.with_mass,
+        withhold_pose=config.withhold_pose,
         image=config.images != "none",
         task=config.task,
         storage=config.storage,

@@ -11,17 +11,11 @@ import numpy as np
 
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.episode_log import EpisodeLog
-from lerobot_spacedock.physics.frames import (
-    ACTION_NAMES,
-    MASS,
-    OBSERVATION_INDICES,
-    OBSERVATION_NAMES,
-    STATE_DIM,
-    STATE_NAMES,
-)
+from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.physics.frames import ACTION_NAMES, OBSERVATION_NAMES, STATE_NAMES, observed_indices
 
 LABEL_COLUMNS = tuple(f"label_{name}" for name in ACTION_NAMES)
-OBSERVED_COLUMNS = tuple(f"observed_{name}" for name in OBSERVATION_NAMES)
+_OBSERVED = "observed_"
 
 
 def teaching_columns(*, label: np.ndarray, observed: np.ndarray | None = None) -> dict[str, np.ndarray]:
@@ -36,7 +30,7 @@ def teaching_columns(*, label: np.ndarray, observed: np.ndarray | None = None) -
     """
     extra = {name: label[:, i] for i, name in enumerate(LABEL_COLUMNS)}
     if observed is not None:
-        extra |= {name: observed[:, i] for i, name in enumerate(OBSERVED_COLUMNS)}
+        extra |= {_OBSERVED + name: observed[:, i] for i, name in enumerate(OBSERVATION_NAMES)}
     return extra
 
 
@@ -47,25 +41,36 @@ def label_of(log: EpisodeLog) -> np.ndarray:
     return np.stack([log.extra[name][: log.num_steps] for name in LABEL_COLUMNS], axis=1)
 
 
-def observed_of(log: EpisodeLog, *, with_mass: bool = False) -> np.ndarray:
-    """(K, 13) or (K, 14), dataset units: what the policy saw, which is the truth unless the log says so."""
-    if all(name in log.extra for name in OBSERVED_COLUMNS):
-        seen = np.stack([log.extra[name][: log.num_steps] for name in OBSERVED_COLUMNS], axis=1)
-    else:
-        seen = log.state[:-1, OBSERVATION_INDICES]
-    return np.insert(seen, MASS, log.state[:-1, MASS], axis=1) if with_mass else seen
+def observed_of(log: EpisodeLog, *, with_mass: bool = False, withhold_pose: bool = False) -> np.ndarray:
+    """What the policy saw, which is the truth unless the log says otherwise.
+
+    Returns:
+        dataset units, (K, 13); with the mass one more, without the pose seven fewer.
+
+    Raises:
+        InputError: a pose is wanted of a log whose sensors showed none.
+    """
+    wanted = observed_indices(with_mass=with_mass, withhold_pose=withhold_pose)
+    seen = log.state[:-1, wanted].copy()
+    shown = [name for name in OBSERVATION_NAMES if _OBSERVED + name in log.extra]
+    for column, name in enumerate(STATE_NAMES[i] for i in wanted):
+        if name in shown:
+            seen[:, column] = log.extra[_OBSERVED + name][: log.num_steps]
+        elif shown and name != "mass":
+            raise InputError("observed values", f"a log without observed_{name}", "a log with it, or --withhold_pose")
+    return seen
 
 
 def succeeded(log: EpisodeLog) -> bool:
     return bool(log.metadata.get("success", False))
 
 
-def rows_of(log: EpisodeLog, *, with_mass: bool = False) -> dict[str, np.ndarray]:
+def rows_of(log: EpisodeLog, *, with_mass: bool = False, withhold_pose: bool = False) -> dict[str, np.ndarray]:
     """The dataset's columns, image apart, for the K frames of an episode; scalars as (K, 1)."""
     steps = log.num_steps
     last = np.arange(steps)[:, None] == steps - 1
     return {
-        schema.STATE: observed_of(log, with_mass=with_mass).astype(np.float32),
+        schema.STATE: observed_of(log, with_mass=with_mass, withhold_pose=withhold_pose).astype(np.float32),
         schema.ACTION: label_of(log).astype(np.float32),
         schema.CONTROL_DT: log.dt[:, None].astype(np.float32),
         schema.SIM_TIME: log.time[:-1, None].astype(np.float32),
@@ -87,21 +92,25 @@ def log_of_rows(
         terminal_state: (14,), dataset units. Without it the last frame's state becomes the terminal one and
             its command is dropped.
         metadata: of the log.
+
+    Raises:
+        InputError: no such ``observation.state`` is known, or it has no pose and ``true_state`` is missing.
     """
     rows = {name: np.asarray(values, dtype=np.float64) for name, values in rows.items()}
     steps = len(rows[schema.STATE])
     dt = rows[schema.CONTROL_DT].reshape(steps)
     start = rows[schema.SIM_TIME].reshape(steps)
-    state = rows[schema.TRUE_STATE] if schema.TRUE_STATE in rows else _state_of_observed(rows[schema.STATE])
+    seen = dict(zip(schema.observed_names(rows[schema.STATE].shape[1]), rows[schema.STATE].T, strict=True))
+    state = rows[schema.TRUE_STATE] if schema.TRUE_STATE in rows else _state_of(seen)
     action = rows.get(schema.EXECUTED_ACTION, rows[schema.ACTION])
     reward = rows[schema.REWARD].reshape(steps) if schema.REWARD in rows else np.zeros(steps)
     extra = {}
     if schema.EXECUTED_ACTION in rows and not np.array_equal(rows[schema.ACTION], action):
         extra |= teaching_columns(label=rows[schema.ACTION])
     if schema.TRUE_STATE in rows:
-        seen = _drop_mass(rows[schema.STATE])
-        if not np.array_equal(seen, state[:, OBSERVATION_INDICES]):
-            extra |= {name: seen[:, i] for i, name in enumerate(OBSERVED_COLUMNS)}
+        true = dict(zip(STATE_NAMES, state.T, strict=True))
+        if not all(np.array_equal(values, true[name]) for name, values in seen.items() if name != "mass"):
+            extra |= {_OBSERVED + name: values for name, values in seen.items() if name != "mass"}
     if terminal_state is None:
         keep = steps - 1
         extra = {name: values[:keep] for name, values in extra.items()}
@@ -117,13 +126,8 @@ def log_of_rows(
     )
 
 
-def _drop_mass(observed: np.ndarray) -> np.ndarray:
-    return observed[:, OBSERVATION_INDICES] if observed.shape[1] == STATE_DIM else observed
-
-
-def _state_of_observed(observed: np.ndarray) -> np.ndarray:
-    if observed.shape[1] == STATE_DIM:
-        return observed
-    state = np.full((len(observed), len(STATE_NAMES)), np.nan)
-    state[:, OBSERVATION_INDICES] = observed
-    return state
+def _state_of(seen: dict[str, np.ndarray]) -> np.ndarray:
+    if "x" not in seen:
+        raise InputError("dataset", f"{schema.STATE} without the pose, and no {schema.TRUE_STATE}", "one of the two")
+    missing = np.full_like(seen["x"], np.nan)  # the mass is not invented
+    return np.stack([seen.get(name, missing) for name in STATE_NAMES], axis=1)

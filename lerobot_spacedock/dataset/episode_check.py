@@ -12,7 +12,7 @@ from lerobot_spacedock.dataset.reader import DatasetReader, Episode
 from lerobot_spacedock.dataset.residuals import TOLERANCES, best_coupling, residuals
 from lerobot_spacedock.dataset.segments import MIN_STEPS
 from lerobot_spacedock.physics.constants import THRUST_LIMIT_N, TORQUE_LIMIT_Nm
-from lerobot_spacedock.physics.frames import ACTION_DIM, RATE, STATE_DIM, STATE_NAMES
+from lerobot_spacedock.physics.frames import ACTION_DIM, POSITION, QUATERNION, RATE, STATE_DIM, STATE_NAMES, VELOCITY
 
 MAX_QUATERNION_ERROR = 1e-3
 MAX_POSITION_m, MAX_SPEED_m_s, MAX_RATE_deg_s = 1000.0, 50.0, 180.0
@@ -61,18 +61,22 @@ def check_episode(reader: DatasetReader, episode: Episode, position: int, report
 
 
 def _check_ranges(rows: dict[str, np.ndarray], problems: Problems) -> None:
-    state = rows.get(schema.TRUE_STATE, rows[schema.STATE])
-    with_mass = state.shape[1] == STATE_DIM
+    values = rows.get(schema.TRUE_STATE, rows[schema.STATE])
+    state = dict(zip(schema.observed_names(values.shape[1]), values.T.astype(np.float64), strict=True))
     problems.report.checks["ranges"] += 1
-    quaternion = state[:, 7:11] if with_mass else state[:, 6:10]
-    error = np.abs(np.linalg.norm(quaternion.astype(np.float64), axis=1) - 1.0)
-    problems.all_rows(error < MAX_QUATERNION_ERROR, "the quaternion is not of unit length")
-    problems.all_rows(np.linalg.norm(state[:, :3], axis=1) < MAX_POSITION_m, f"farther than {MAX_POSITION_m:g} m")
-    problems.all_rows(np.linalg.norm(state[:, 3:6], axis=1) < MAX_SPEED_m_s, f"faster than {MAX_SPEED_m_s:g} m/s")
-    rates = state[:, RATE if with_mass else slice(10, 13)]
-    problems.all_rows(np.abs(rates).max(axis=1) < MAX_RATE_deg_s, f"turns faster than {MAX_RATE_deg_s:g} deg/s")
-    if with_mass:
-        mass = state[:, STATE_NAMES.index("mass")]
+
+    def norm(names: tuple[str, ...]) -> np.ndarray:
+        return np.linalg.norm([state[name] for name in names], axis=0)
+
+    if "x" in state:
+        error = np.abs(norm(STATE_NAMES[QUATERNION]) - 1.0)
+        problems.all_rows(error < MAX_QUATERNION_ERROR, "the quaternion is not of unit length")
+        problems.all_rows(norm(STATE_NAMES[POSITION]) < MAX_POSITION_m, f"farther than {MAX_POSITION_m:g} m")
+    problems.all_rows(norm(STATE_NAMES[VELOCITY]) < MAX_SPEED_m_s, f"faster than {MAX_SPEED_m_s:g} m/s")
+    rates = np.abs([state[name] for name in STATE_NAMES[RATE]]).max(axis=0)
+    problems.all_rows(rates < MAX_RATE_deg_s, f"turns faster than {MAX_RATE_deg_s:g} deg/s")
+    if "mass" in state:
+        mass = state["mass"]
         problems.all_rows(mass > 0.0, "the mass is not positive")
         problems.all_rows(np.diff(mass, prepend=mass[0]) <= 0.0, "the mass grows")
     limits = 1.001 * np.repeat([THRUST_LIMIT_N, TORQUE_LIMIT_Nm], ACTION_DIM // 2)
@@ -105,7 +109,7 @@ def _check_duplicate(episode: Episode, problems: Problems, seen: dict[str, int])
 
 def _check_dynamics(reader: DatasetReader, episode: Episode, problems: Problems) -> None:
     rows = episode.rows
-    if schema.CONTROL_DT not in rows or schema.SIM_TIME not in rows:
+    if schema.CONTROL_DT not in rows or schema.SIM_TIME not in rows or not reader.has_pose:
         return
     log = episode.log()
     if log.num_steps < 1:

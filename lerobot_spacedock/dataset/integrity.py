@@ -13,8 +13,8 @@ from lerobot_spacedock.dataset.findings import Report, component_names
 from lerobot_spacedock.dataset.pictures_check import check_pictures
 from lerobot_spacedock.dataset.reader import INDEX_COLUMNS, DatasetReader, Episode
 from lerobot_spacedock.dataset.totals_check import Totals, check_statistics, check_totals
-from lerobot_spacedock.errors import FileFormatError
-from lerobot_spacedock.physics.frames import STATE_DIM
+from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.physics.frames import OBSERVATION_NAMES
 
 
 def check_dataset(
@@ -76,7 +76,12 @@ def _check_features(reader: DatasetReader, report: Report) -> bool:
             report.errors.append(f"{where}: feature {name!r} is missing.")
     if report.errors:
         return False
-    expected = schema.columns(with_mass=reader.features[schema.STATE]["shape"] == [STATE_DIM], image=False)
+    try:
+        observed = schema.observed_names(*reader.features[schema.STATE]["shape"])
+    except (InputError, TypeError):  # unlike any: the comparison below says so
+        observed = OBSERVATION_NAMES
+    options = {"with_mass": "mass" in observed, "withhold_pose": "x" not in observed}
+    expected = schema.columns(**options, image=False)
     for name, column in expected.items():
         feature = reader.features.get(name)
         if feature is None:

@@ -140,10 +140,10 @@ def check_pictures(
     drawing = reader.facts.get("drawing")
     drawn_here = reader.facts.get("pictures", "drawn") == "drawn"
     artist = None
-    if redraw and drawing and drawn_here:
+    if redraw and drawing and drawn_here and reader.has_pose:
         artist = Artist(**drawing)
     elif redraw:
-        report.notes.append(f"{camera}: frames were not drawn by this package; they are decoded, not compared.")
+        report.notes.append(f"{camera}: frames cannot be drawn again here; they are decoded, not compared.")
     found = []
     try:
         for index, steps in sampled.items():

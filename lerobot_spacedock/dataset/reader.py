@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.episode import log_of_rows
 from lerobot_spacedock.dataset.provenance import EpisodeRows, episode_rows, read_dataset_facts, terminal_state
 from lerobot_spacedock.dataset.statistics import column_array
@@ -64,6 +65,11 @@ class DatasetReader:
             self.facts = read_dataset_facts(root)
             self.about = episode_rows(root)
             self.files, self.lengths = self._read_lengths()
+
+    @property
+    def has_pose(self) -> bool:
+        """Whether position and attitude stand in some column."""
+        return schema.TRUE_STATE in self.features or "x" in schema.observed_names(*self.features[schema.STATE]["shape"])
 
     @property
     def cameras(self) -> list[str]:

@@ -51,6 +51,7 @@ class DatasetLayout:
     height: int = 480
     width: int = 640
     with_mass: bool = False
+    withhold_pose: bool = False
     image: bool = True
     task: str = schema.TASK
     storage: Storage = field(default_factory=Storage)
@@ -61,6 +62,7 @@ class DatasetLayout:
             width=self.width,
             storage=self.storage.kind,
             with_mass=self.with_mass,
+            withhold_pose=self.withhold_pose,
             image=self.image,
         )
 
@@ -132,7 +134,7 @@ class DatasetRecorder:
         """
         if log.num_steps < MIN_STEPS:
             raise InputError("episode", f"{log.num_steps} steps", f"at least {MIN_STEPS} steps")
-        rows = rows_of(log, with_mass=self.layout.with_mass)
+        rows = rows_of(log, with_mass=self.layout.with_mass, withhold_pose=self.layout.withhold_pose)
         source = iter(frames) if self.layout.image and frames is not None else None
         try:
             for k in range(log.num_steps):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lerobot_spacedock.errors import InputError
-from lerobot_spacedock.physics.frames import ACTION_NAMES, OBSERVATION_NAMES, STATE_NAMES
+from lerobot_spacedock.physics.frames import ACTION_NAMES, STATE_NAMES, observed_indices
 
 FPS = 1
 ROBOT_TYPE = "spacecraft"
@@ -33,6 +33,15 @@ DONE = "next.done"
 STORAGES = ("video", "image")
 STATE_UNITS = ("m",) * 3 + ("m/s",) * 3 + ("kg",) + ("1",) * 4 + ("deg/s",) * 3
 ACTION_UNITS = ("N",) * 3 + ("N·m",) * 3
+
+_MEANING = (
+    "What the policy sees: position and velocity in Hill axes from the port, quaternion (scalar first, body to Hill), "
+    "body rates; with sensor noise where the environment has it."
+)
+_MEANING_WITHHELD = (
+    "What the policy sees: velocity in Hill axes and body rates; position and attitude are withheld, the picture shows "
+    "them. With sensor noise where the environment has it."
+)
 
 
 @dataclass(frozen=True)
@@ -65,6 +74,7 @@ def columns(
     width: int = 640,
     storage: str = "video",
     with_mass: bool = False,
+    withhold_pose: bool = False,
     image: bool = True,
 ) -> dict[str, Column]:
     """The columns of a dataset, in order.
@@ -74,6 +84,7 @@ def columns(
         width: pixels.
         storage: ``video`` (streamed to the encoder) or ``image`` (lossless PNG inside Parquet).
         with_mass: 14 observed values, the mass after the velocity, instead of 13.
+        withhold_pose: 6 observed values, velocity and rates alone: where it is only the picture shows.
         image: False for a dataset of states alone.
 
     Raises:
@@ -83,7 +94,7 @@ def columns(
         raise InputError("storage", storage, " or ".join(STORAGES))
     if image and (min(height, width) < 16 or (storage == "video" and (height % 2 or width % 2))):
         raise InputError("image size", f"{height}x{width}", "16 pixels or more, even numbers for video")
-    observed = STATE_NAMES if with_mass else OBSERVATION_NAMES
+    observed = tuple(STATE_NAMES[i] for i in observed_indices(with_mass=with_mass, withhold_pose=withhold_pose))
     observed_units = tuple(STATE_UNITS[STATE_NAMES.index(name)] for name in observed)
     found: dict[str, Column] = {}
     if image:
@@ -100,8 +111,7 @@ def columns(
             (len(observed),),
             observed,
             observed_units,
-            "What the policy sees: position and velocity in Hill axes from the port, quaternion (scalar first, "
-            "body to Hill), body rates; with sensor noise where the environment has it.",
+            _MEANING_WITHHELD if withhold_pose else _MEANING,
         ),
         ACTION: Column(
             "float32",
@@ -132,6 +142,15 @@ def columns(
             required=False,
         ),
     }
+
+
+def observed_names(size: int) -> tuple[str, ...]:
+    """Names of the values of an ``observation.state`` of so many; raises InputError where no such one is known."""
+    kinds = [observed_indices(with_mass=mass, withhold_pose=blind) for blind in (False, True) for mass in (False, True)]
+    for indices in kinds:
+        if len(indices) == size:
+            return tuple(STATE_NAMES[i] for i in indices)
+    raise InputError(f"{STATE} of so many values", size, " or ".join(str(len(indices)) for indices in kinds))
 
 
 def features(**options: Any) -> dict[str, dict[str, Any]]:

@@ -24,16 +24,15 @@ from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.physics.frames import (
     ACTION_DIM,
     ACTION_NAMES,
-    OBSERVATION_INDICES,
     POSITION,
     QUATERNION,
     STATE_NAMES,
+    observed_indices,
     state_to_dataset_units,
 )
 
 CAMERA_NAME = "camera"
 TASK_DESCRIPTION = "dock with the International Space Station"
-_POSE_FREE_INDICES = np.array([3, 4, 5, 11, 12, 13])
 # LeRobot marks the first reset of each rollout with it
 _REWARD_NAMES = tuple(f"reward_{name}" for name in STEP_TERMS)
 _IGNORED_OPTIONS = {"lerobot_new_rollout"}
@@ -278,8 +277,7 @@ def observation_names(config: SpaceDockConfig) -> tuple[str, ...]:
 
 
 def _observed_indices(config: SpaceDockConfig) -> np.ndarray:
-    indices = _POSE_FREE_INDICES if config.withhold_pose else OBSERVATION_INDICES
-    return np.sort(np.append(indices, STATE_NAMES.index("mass"))) if config.with_mass else indices
+    return observed_indices(with_mass=config.with_mass, withhold_pose=config.withhold_pose)
 
 
 def _bound(name: str) -> float:

@@ -72,6 +72,7 @@ class PpoConfig:
     epochs: int = 4
     # parts of the batch per pass
     mini_batches: int = 4
+    # how far an update may change the probability of an action: by this share, up or down
     clip: float = 0.2
     # discount per step
     gamma: float = 0.99
@@ -92,6 +93,7 @@ class PpoConfig:
     std_ceiling: float = 1.0
     # … and at the end of the training
     final_std_ceiling: float = 1.0
+    # a longer gradient is cut to this length
     max_grad_norm: float = 1.0
     # hidden layers of the critic
     critic_hidden_sizes: list[int] = field(default_factory=lambda: [128, 128])

@@ -42,8 +42,16 @@ MASS = 6
 QUATERNION = slice(7, 11)
 RATE = slice(11, 14)
 
-# observation.state without the mass: 13 values
-OBSERVATION_INDICES = np.array([0, 1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 12, 13])
+
+def observed_indices(*, with_mass: bool = False, withhold_pose: bool = False) -> np.ndarray:
+    """Which values of the state make ``observation.state``: 13; one more with the mass, 7 fewer without the pose."""
+    left_out = {"x", "y", "z", "q0", "q1", "q2", "q3"} if withhold_pose else set()
+    left_out |= set() if with_mass else {"mass"}
+    return np.array([i for i, name in enumerate(STATE_NAMES) if name not in left_out])
+
+
+# observation.state as most tasks have it: 13 values
+OBSERVATION_INDICES = observed_indices()
 OBSERVATION_NAMES = tuple(STATE_NAMES[i] for i in OBSERVATION_INDICES)
 
 RAD_TO_DEG = 180.0 / np.pi

@@ -141,11 +141,15 @@ def test_every_verb_is_a_config_and_a_function_of_it(name):
 
 @pytest.mark.parametrize("name", cli.VERBS)
 def test_every_flag_of_every_verb_has_a_help_text(name, capsys):
+    from draccus.argparsing import ArgumentParser
+
     config_class, _ = cli.VERBS[name].load()
     with pytest.raises(SystemExit):
         cli.parse_config(config_class, ["--help"], prog=name)
     text = capsys.readouterr().out
     assert all(f"--{field.name}" in text for field in dataclasses.fields(config_class))
+    actions = ArgumentParser(config_class, prog=name).parser._actions
+    assert [action.option_strings for action in actions if not (action.help or "").strip()] == []
 
 
 def test_the_command_line_starts_without_lerobot_or_torch():

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import gymnasium as gym
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -17,6 +18,7 @@ from lerobot_spacedock.dataset.demos import DemosConfig, demos
 from lerobot_spacedock.dataset.disturbance import KickConfig
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.reader import DatasetReader
+from lerobot_spacedock.dataset.record import Storage
 from lerobot_spacedock.episode_log import iterate_episode_logs, read_episode_log
 from lerobot_spacedock.errors import InputError, SpaceDockError
 
@@ -47,6 +49,25 @@ def test_the_best_are_kept_and_the_dataset_says_how(tmp_path):
     rows = next(DatasetReader(root).iterate()).rows
     assert (rows[schema.ACTION] != rows[schema.EXECUTED_ACTION]).any()
     assert not (tmp_path / "d.part").exists()
+
+
+def test_of_the_vision_task_the_expert_sees_the_state_and_the_dataset_what_the_policy_will_see(tmp_path):
+    root, options = tmp_path / "d", {"num_episodes": 2, "image": True, "camera": CameraConfig(height=48, width=64)}
+    options |= {"kicks": KickConfig(0.1, quiet_m=3.0)}
+    assert demos(config(root, env_id="SpaceDockVision-v0", storage=Storage(kind="image"), **options)) == 0
+    report = check_dataset(root, sample_frames=4)
+    assert (report.errors, report.warnings, report.checks["dynamics"]) == ([], [], 2)
+    names = ["vx", "vy", "vz", "w1", "w2", "w3"]
+    reader = DatasetReader(root)
+    assert reader.features[schema.STATE]["names"] == names
+    assert reader.about.column("success").all()
+    with gym.make("SpaceDockVision-v0", obs_type="agent_pos") as env:
+        seen, _ = env.reset(seed=100_000)
+    first = next(reader.iterate())
+    np.testing.assert_allclose(first.rows[schema.STATE][0], seen["agent_pos"], atol=1e-6)
+    assert "--env.task=SpaceDockVision-v0" in (root / "README.md").read_text()
+    log = first.log()
+    np.testing.assert_array_equal(log.state[:-1, :3], first.rows[schema.TRUE_STATE][:, :3])
 
 
 def test_killed_at_any_moment_it_goes_on_and_ends_as_if_it_had_not_been(tmp_path):
@@ -97,7 +118,7 @@ def test_a_second_process_keeps_out(tmp_path):
     [
         ({"expert": "wizard"}, "--expert"),
         ({"checkpoint": "x"}, "--checkpoint"),
-        ({"env_id": "SpaceDockVision-v0"}, "--env_id"),
+        ({"env_id": "SpaceDock-v9"}, "--env_id"),
         ({"initial_conditions": "same,moon"}, "initial_conditions"),
         ({"num_episodes": 0}, "--num_episodes"),
         ({"num_candidates": 3, "num_episodes": 5}, "--num_candidates"),

@@ -1,10 +1,12 @@
 """Log → rows → log, exact to float32; labels and observations beside what flew."""
 
 import numpy as np
+import pytest
 
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.episode import log_of_rows, rows_of, teaching_columns
 from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.errors import InputError
 
 
 def test_round_trip_is_exact_to_float32(flights):
@@ -40,6 +42,26 @@ def test_the_policy_sees_its_sensors_and_the_truth_is_kept_apart():
     np.testing.assert_array_equal(np.delete(rows[schema.STATE], 6, axis=1), seen.astype(np.float32))
     np.testing.assert_array_equal(rows[schema.STATE][:, 6], state[:-1, 6].astype(np.float32))
     np.testing.assert_array_equal(rows[schema.TRUE_STATE], state[:-1].astype(np.float32))
+
+
+def test_a_withheld_pose_is_in_no_observation_and_is_not_invented_again(flights):
+    for options, size in (({}, 6), ({"with_mass": True}, 7)):
+        rows = rows_of(flights[0], withhold_pose=True, **options)
+        assert rows[schema.STATE].shape[1] == size
+        np.testing.assert_array_equal(rows[schema.STATE][:, :3], flights[0].state[:-1, 3:6].astype(np.float32))
+        np.testing.assert_array_equal(rows[schema.STATE][:, -3:], flights[0].state[:-1, 11:].astype(np.float32))
+        log = log_of_rows(rows, terminal_state=flights[0].state[-1])
+        np.testing.assert_array_equal(log.state[:-1], rows[schema.TRUE_STATE])
+    noisy = rows | {schema.STATE: rows[schema.STATE] + np.float32(0.5)}
+    again = log_of_rows(noisy, terminal_state=flights[0].state[-1])
+    np.testing.assert_array_equal(
+        rows_of(again, withhold_pose=True, **options)[schema.STATE][:, :3], noisy[schema.STATE][:, :3]
+    )
+    with pytest.raises(InputError, match="withhold_pose"):
+        rows_of(again)
+    del rows[schema.TRUE_STATE]
+    with pytest.raises(InputError, match="without the pose"):
+        log_of_rows(rows)
 
 
 def test_without_a_terminal_state_the_last_frame_becomes_it(flights):
