@@ -23,11 +23,12 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot_spacedock.camera import CameraConfig
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig
+from lerobot_spacedock.dataset.encoder import quiet_encoders
 from lerobot_spacedock.dataset.episode import rows_of
 from lerobot_spacedock.dataset.flight import fly
 from lerobot_spacedock.dataset.frames import Artist, drawing_options
 from lerobot_spacedock.dataset.pictures_check import psnr_dB
-from lerobot_spacedock.dataset.record import DatasetLayout, DatasetRecorder, Storage, quiet_encoders
+from lerobot_spacedock.dataset.record import DatasetLayout, DatasetRecorder, Storage
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.env.registration import ENV_IDS
 from lerobot_spacedock.episode_log import EpisodeLog

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lerobot_spacedock.dataset.card import write_card
+from lerobot_spacedock.dataset.encoder import quiet_encoders
 from lerobot_spacedock.dataset.job import Job, Plan
 from lerobot_spacedock.dataset.provenance import write_dataset_facts, write_episode_rows
-from lerobot_spacedock.dataset.record import free_space, quiet_encoders
+from lerobot_spacedock.dataset.record import free_space
 from lerobot_spacedock.dataset.shards import SUMMARY_FILE, read_summary
 from lerobot_spacedock.dataset.statistics import repair_statistics
 from lerobot_spacedock.errors import FileFormatError, SpaceDockError

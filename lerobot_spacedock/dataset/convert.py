@@ -10,6 +10,7 @@ from tqdm import tqdm
 
 from lerobot_spacedock.camera import CameraConfig
 from lerobot_spacedock.dataset.assemble import assemble
+from lerobot_spacedock.dataset.encoder import check_encoder
 from lerobot_spacedock.dataset.episode import succeeded
 from lerobot_spacedock.dataset.frames import drawing_options
 from lerobot_spacedock.dataset.job import Job, Plan, shard_count
@@ -90,6 +91,7 @@ def convert(config: ConvertConfig) -> int:
         from lerobot_spacedock.dataset.sources.v21 import convert_v21
 
         return convert_v21(config, root)
+    check_encoder(_layout(config, config.camera))
     job = Job(root)
     with job.disk_errors(), job.lock():
         if job.begin(config.settings()):

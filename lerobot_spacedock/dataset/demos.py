@@ -18,6 +18,7 @@ from tqdm import tqdm
 from lerobot_spacedock.camera import CameraConfig
 from lerobot_spacedock.dataset.assemble import assemble
 from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig
+from lerobot_spacedock.dataset.encoder import check_encoder
 from lerobot_spacedock.dataset.flight import fly
 from lerobot_spacedock.dataset.frames import drawing_options
 from lerobot_spacedock.dataset.job import Job, Plan, shard_count, write_json
@@ -190,6 +191,7 @@ def _check(config: DemosConfig) -> None:
     for name in config.starts:
         config.env_config(name)
     _layout(config).columns()
+    check_encoder(_layout(config))
 
 
 def _layout(config: DemosConfig) -> DatasetLayout:

@@ -8,7 +8,6 @@ encoded length is compared with its rows.
 from __future__ import annotations
 
 import gc
-import os
 import shutil
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
@@ -19,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_spacedock.dataset import schema
+from lerobot_spacedock.dataset.encoder import encoder_config, quiet_encoders
 from lerobot_spacedock.dataset.episode import rows_of
 from lerobot_spacedock.dataset.segments import MIN_STEPS
 from lerobot_spacedock.episode_log import EpisodeLog
@@ -31,7 +31,7 @@ class Storage:
 
     # video: streamed to the encoder; image: lossless PNG inside Parquet
     kind: str = "video"
-    # libsvtav1 | h264 | hevc
+    # libsvtav1 | libaom-av1 | h264 | hevc, or of a GPU: h264_nvenc | hevc_nvenc
     vcodec: str = "libsvtav1"
     # the encoder's quality: lower is better and larger
     crf: int = 30
@@ -86,7 +86,6 @@ class DatasetRecorder:
     def __init__(self, root: Path, layout: DatasetLayout, *, encoder_threads: int | None = None) -> None:
         quiet_encoders()
         from datasets.utils import disable_progress_bars
-        from lerobot.configs import RGBEncoderConfig
         from lerobot.datasets import dataset_writer
         from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
@@ -98,12 +97,6 @@ class DatasetRecorder:
         self.layout = layout
         self.root = root
         video = layout.image and layout.storage.kind == "video"
-        encoder = None
-        if video:
-            try:
-                encoder = RGBEncoderConfig(vcodec=layout.storage.vcodec, crf=layout.storage.crf, g=layout.storage.gop)
-            except ValueError as error:
-                raise InputError("--storage", str(layout.storage), "a codec that PyAV has", str(error)) from error
         features = {name: column.as_feature() for name, column in layout.columns().items()}
         self.dataset = LeRobotDataset.create(
             layout.repo_id,
@@ -113,7 +106,7 @@ class DatasetRecorder:
             robot_type=schema.ROBOT_TYPE,
             use_videos=video,
             video_backend="pyav",
-            rgb_encoder=encoder,
+            rgb_encoder=encoder_config(layout.storage) if video else None,
             streaming_encoding=video,
             encoder_queue_maxsize=0,
             encoder_threads=encoder_threads,
@@ -208,14 +201,6 @@ def embed_at_once(dataset: Any) -> Any:
         return dataset
     table = embed_table_storage(dataset.with_format("arrow")[:])
     return Dataset(table, info=dataset.info, split=dataset.split, fingerprint=dataset._fingerprint)
-
-
-def quiet_encoders() -> None:
-    """Errors only from the video libraries: their settings and passes, once an episode, would bury the progress."""
-    os.environ.setdefault("SVT_LOG", "1")
-    import av
-
-    av.logging.set_libav_level(av.logging.ERROR)
 
 
 def free_space(path: Path) -> str:

@@ -31,6 +31,8 @@ SUCCESS = "next.success"
 DONE = "next.done"
 
 STORAGES = ("video", "image")
+LEAST_IMAGE_px = 16
+LEAST_VIDEO_px = 32  # the AV1 encoder ends the whole process on frames 16 pixels wide
 STATE_UNITS = ("m",) * 3 + ("m/s",) * 3 + ("kg",) + ("1",) * 4 + ("deg/s",) * 3
 ACTION_UNITS = ("N",) * 3 + ("N·m",) * 3
 
@@ -92,8 +94,10 @@ def columns(
     """
     if storage not in STORAGES:
         raise InputError("storage", storage, " or ".join(STORAGES))
-    if image and (min(height, width) < 16 or (storage == "video" and (height % 2 or width % 2))):
-        raise InputError("image size", f"{height}x{width}", "16 pixels or more, even numbers for video")
+    least = LEAST_VIDEO_px if storage == "video" else LEAST_IMAGE_px
+    if image and (min(height, width) < least or (storage == "video" and (height % 2 or width % 2))):
+        allowed = f"{LEAST_IMAGE_px} pixels or more; for video {LEAST_VIDEO_px} or more, even numbers"
+        raise InputError("image size", f"{height}x{width}", allowed)
     observed = tuple(STATE_NAMES[i] for i in observed_indices(with_mass=with_mass, withhold_pose=withhold_pose))
     observed_units = tuple(STATE_UNITS[STATE_NAMES.index(name)] for name in observed)
     found: dict[str, Column] = {}
