@@ -57,6 +57,11 @@ class Problems:
     def error(self, what: str) -> None:
         self.report.errors.append(f"{self.where}: {what}.")
 
+    def note_once(self, what: str) -> None:
+        """A note on all episodes alike; said once."""
+        if what not in self.report.notes:
+            self.report.notes.append(what)
+
     def all_rows(self, good: np.ndarray, what: str, *, warning: bool = False) -> bool:
         """Reports the first row that is not good; True where all are."""
         bad = np.flatnonzero(~good)

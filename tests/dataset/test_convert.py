@@ -198,7 +198,8 @@ def test_numpy_archives_without_times_take_the_given_step(flights, tmp_path):
     rows = next(DatasetReader(tmp_path / "d").iterate()).rows
     np.testing.assert_array_equal(rows[schema.CONTROL_DT][:, 0], np.float32(0.5))
     report = check_dataset(tmp_path / "d")
-    assert any("does not follow" in error for error in report.errors), "wrong times are found out by the physics"
+    assert report.errors == [], "nobody claimed these times"
+    assert any("does not follow" in text for text in report.warnings), "wrong times are found out by the physics"
 
 
 def test_minari(flights, tmp_path, monkeypatch):
@@ -314,3 +315,30 @@ def test_pictures_of_another_size_are_scaled(flights, tmp_path):
     dataset = LeRobotDataset("test/converted", root=tmp_path / "d")
     assert tuple(dataset[2][schema.IMAGE].shape) == (3, 24, 32)
     np.testing.assert_allclose(dataset[2][schema.IMAGE][0].numpy() * 255, picture_of(2)[0, 0, 0], atol=1)
+
+
+@pytest.mark.parametrize("times", [False, True])
+def test_arrays_without_times_or_mass_pass_the_check_which_says_what_it_left_out(flights, tmp_path, times):
+    log = flights[0]
+    (tmp_path / "in").mkdir()
+    held = {"state": np.delete(log.state, 6, axis=1), "action": log.action} | ({"time": log.time} if times else {})
+    np.savez(tmp_path / "in" / "episode_0.npz", **held)
+    run(tmp_path / "in", tmp_path / "d", format="npz", images="none")
+    report = check_dataset(tmp_path / "d")
+    assert report.errors == []
+    assert any("times are not in the source: 0.907 s a step" in note for note in report.notes) is not times
+    assert any("does not follow" in text for text in report.warnings) is not times
+    assert "mass_kg" not in report.worst
+
+
+def test_arrays_without_mass_whose_commands_are_not_those_that_flew_fail_the_check(flights, tmp_path):
+    log = flights[0]
+    (tmp_path / "in").mkdir()
+    np.savez(
+        tmp_path / "in" / "episode_0.npz",
+        state=np.delete(log.state, 6, axis=1),
+        action=np.roll(log.action, 1, axis=0),
+        time=log.time,
+    )
+    run(tmp_path / "in", tmp_path / "d", format="npz", images="none")
+    assert any("does not follow from the command" in error for error in check_dataset(tmp_path / "d").errors)
