@@ -15,7 +15,7 @@ import numpy as np
 
 from lerobot_spacedock.jit import jit
 
-from .kernels_simd import CELL_SAMPLES, cell_place, pure_columns, turn_rows
+from .kernels_simd import CELL_SAMPLES, cell_place, fetch_ahead, pure_columns, turn_rows
 
 CHUNK = 128  # fragments that are shaded together: the scratch array then stays in the first-level cache
 STRIDE = CHUNK + 8  # fragments are gathered in eights, the last of them over its end
@@ -65,6 +65,7 @@ def collect(cells, row, width, samples, off_x, pixel0, n, frag_surface, frag_pix
         pixel = pixel0 + column
         count = min(8, width - column)
         found = pure_columns(cells, place, step)
+        fetch_ahead(cells, cell_place(group + 1, block, blocks))  # cells of one row are far apart in memory
         pure, empty = found & 255, found >> 8
         if pure == 255 and count == 8 and (empty == 0 or empty == 255):
             if empty:

@@ -221,6 +221,24 @@ def pure_columns(typing, cells, place, step):
     return signature, codegen
 
 
+@intrinsic
+def fetch_ahead(typing, cells, place):
+    """Ask for what a cell's 32 samples show, which is soon to be read; a place past the end does no harm."""
+    signature = types.void(cells, types.int64)
+
+    def codegen(context, builder, sig, args):
+        byte_p = ir.IntType(8).as_pointer()
+        hint = ir.FunctionType(ir.VoidType(), [byte_p, _I32, _I32, _I32])
+        fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte_p], hint)
+        data = _data(context, builder, sig.args[0], args[0])
+        for line in (CELL_SAMPLES, CELL_SAMPLES + 16):
+            here = builder.gep(data, [builder.add(args[1], ir.IntType(64)(line))])
+            builder.call(fetch, [builder.bitcast(here, byte_p), _I32(0), _I32(3), _I32(1)])
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
 _UNPACK = ([0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15])  # of two rows: the shuffles that AVX has
 _PAIRS = ([0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15])
 _HALVES = ([0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15])
