@@ -73,7 +73,7 @@ class CameraConfig:
     port: str = "zvezda_aft"
     """Docking port at the origin of the Hill frame: zvezda_aft (seen from -V-bar) or harmony_forward (from +V-bar)."""
     detail: str = "low"
-    """Level of detail of the built-in station: low (about 44,000 triangles) or high (about 110,000)."""
+    """Level of detail of the built-in station: low (about 35,000 triangles) or high (about 110,000)."""
     samples: int = 4
     """Samples a pixel: 4 (rotated grid) or 1 (no anti-aliasing)."""
     shadows: bool = True

@@ -30,16 +30,16 @@ def draw_frame(corners, faces, surface, clusters, spheres, cones, table, materia
     sky, colour = np.empty(rows * width, np.float32), np.empty(rows * width * 3, np.float32)
     scratch, taps = np.zeros(SCRATCH_ROWS * STRIDE, np.float32), np.zeros(4 * STRIDE, np.int32)
     kinds = np.zeros(STRIDE, np.int32)
-    found = np.empty((stars.shape[0], 5))
-    n_stars = project_stars(stars, rot, view, width, height, found) if star_gain > 0.0 else 0
+    found, n_stars = np.empty((stars.shape[0], 5)), -1 if star_gain > 0.0 else 0
     for row0 in range(0, height, rows):
         row1 = min(row0 + rows, height)
         values = 3 * (row1 - row0) * width
         colour[:values] = np.float32(0.0)
-        fragments = 0
+        fragments = bare = 0
         for row in range(row0, row1):
-            fragments = collect(cells, row, width, samples, SAMPLE_X_4, (row - row0) * width, fragments, frag_surface,
-                                frag_pixel, frag_x, frag_y, frag_weight, sky)  # fmt: skip
+            fragments, more = collect(cells, row, width, samples, SAMPLE_X_4, (row - row0) * width, fragments,
+                                      frag_surface, frag_pixel, frag_x, frag_y, frag_weight, sky)  # fmt: skip
+            bare += more
         for first in range(0, fragments, CHUNK):
             n = min(CHUNK, fragments - first)
             gather(first, n, frag_surface, away, table, materials, scratch, kinds)
@@ -48,8 +48,10 @@ def draw_frame(corners, faces, surface, clusters, spheres, cones, table, materia
             clothe(n, texels, scratch, taps)
             lighten(n, light, scratch)
             deposit(first, n, frag_pixel, frag_weight, scratch, colour)
-        paint_sky(row0, row1, width, sky, rot, view, light, earth, colour)
-        if n_stars > 0:
+        if bare > 0:
+            if n_stars < 0:
+                n_stars = project_stars(stars, rot, view, width, height, found)
+            paint_sky(row0, row1, width, sky, rot, view, light, earth, colour)
             paint_stars(found, n_stars, row0, row1, width, sky, star_gain, colour)
         first = 3 * row0 * width
         if linear.shape[0] > 0:

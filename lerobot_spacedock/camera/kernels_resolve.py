@@ -49,7 +49,7 @@ CASCADE_SIZE = 9
 
 @jit(nogil=True)
 def collect(cells, row, width, samples, off_x, pixel0, n, frag_surface, frag_pixel, frag_x, frag_y, frag_weight, sky):
-    """List the fragments of one row of pixels after the ``n`` that are there; → their number.
+    """List the fragments of one row of pixels after the ``n`` that are there; → their number, and that of sky pixels.
 
     ``sky`` gets the share of each pixel where nothing was hit, from place ``pixel0`` on. A fragment stands at its
     pixel's centre, or at the centroid of its samples where it has only a share of the pixel.
@@ -59,6 +59,7 @@ def collect(cells, row, width, samples, off_x, pixel0, n, frag_surface, frag_pix
     group, inside = (row, CELL_SAMPLES) if samples == 4 else (row >> 2, CELL_SAMPLES + 8 * (row & 3))
     middle, half = np.float32(row + 0.5), np.float32(0.5)
     one, zero = np.float32(1.0), np.float32(0.0)
+    bare = 0
     for block in range(blocks):
         place = cell_place(group, block, blocks) + inside
         column = 8 * block
@@ -71,6 +72,7 @@ def collect(cells, row, width, samples, off_x, pixel0, n, frag_surface, frag_pix
             if empty:
                 for j in range(np.uint64(8)):
                     sky[np.uint64(pixel) + j] = one
+                bare += 8
                 continue
             surface, where = frag_surface[n : n + 8], frag_pixel[n : n + 8]
             for j in range(np.uint64(8)):
@@ -91,6 +93,7 @@ def collect(cells, row, width, samples, off_x, pixel0, n, frag_surface, frag_pix
             t = cells[np.uint64(place + j)]
             if (pure >> j) & 1:
                 sky[pixel + j] = one if t < 0 else zero
+                bare += t < 0
                 if t >= 0:
                     frag_surface[n], frag_pixel[n], frag_weight[n] = t, pixel + j, one
                     frag_x[n], frag_y[n] = np.float32(column + j) + half, middle
@@ -120,7 +123,8 @@ def collect(cells, row, width, samples, off_x, pixel0, n, frag_surface, frag_pix
                 frag_weight[n] = np.float32(0.25) * np.float32(hits)
                 n += 1
             sky[pixel + j] = np.float32(0.25) * np.float32(hollow)
-    return n
+            bare += hollow > 0
+    return n, bare
 
 
 @jit(nogil=True)

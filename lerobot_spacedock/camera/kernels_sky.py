@@ -21,15 +21,27 @@ _AIR_TOP = (1.0 + 140e3 / EARTH_EQUATORIAL_RADIUS_m) ** 2  # nothing glows above
 
 
 @jit(nogil=True)
-def _ground(n, ray, pixel, sky, sx, sy, sz, exposure, earth, s, taps, colour):
-    """Add the sunlit Earth to ``n`` pixels whose unit rays (x, y, z in rows of ``ray``) meet it."""
+def _ground(n, pixel, row0, width, sky, rot, view, light, earth, s, taps, colour):
+    """Add the sunlit Earth to ``n`` pixels whose rays meet it."""
     f32, i32 = np.float32, np.int32
     one, zero = f32(1.0), f32(0.0)
     ro, ro2 = f32(_RO), f32(_RO * _RO)
     half, per = f32(0.5 * EARTH_SIZE), f32(0.5 * EARTH_SIZE / EARTH_REACH)
     last = f32(EARTH_SIZE - 2)
+    sx, sy, sz, exposure = light[0], light[1], light[2], light[15]
+    r00, r01, r02 = f32(rot[0, 0]), f32(rot[0, 1]), f32(rot[0, 2])
+    r10, r11, r12 = f32(rot[1, 0]), f32(rot[1, 1]), f32(rot[1, 2])
+    r20, r21, r22 = f32(rot[2, 0]), f32(rot[2, 1]), f32(rot[2, 2])
+    inv_fx, inv_fy = f32(1.0 / view[0]), f32(1.0 / view[1])
+    cx, cy = f32(view[2] - 0.5), f32(view[3] - 0.5 - row0)
     for k in range(np.uint64(n)):
-        rx, ry, rz = ray[k], ray[CHUNK + k], ray[2 * CHUNK + k]
+        row = pixel[k] // i32(width)
+        dx, dy = (f32(pixel[k] - row * i32(width)) - cx) * inv_fx, (f32(row) - cy) * inv_fy
+        inv = one / math.sqrt(one + dx * dx + dy * dy)
+        rx = (r00 * dx + r10 * dy + r20) * inv
+        ry = (r01 * dx + r11 * dy + r21) * inv
+        rz = (r02 * dx + r12 * dy + r22) * inv
+        s[5 * CHUNK + k], s[6 * CHUNK + k], s[7 * CHUNK + k] = rx, ry, rz
         t = -ro * rx - math.sqrt(max(one - ro2 * (one - rx * rx), zero))
         ny, nz = t * ry, t * rz
         u, v = min(max(ny * per + half, zero), last), min(max(nz * per + half, zero), last)
@@ -44,7 +56,7 @@ def _ground(n, ray, pixel, sky, sx, sy, sz, exposure, earth, s, taps, colour):
         taps[2 * CHUNK + k], taps[3 * CHUNK + k] = earth[q], earth[q + np.uint64(1)]
     byte = f32(1.0 / 255.0)
     for k in range(np.uint64(n)):
-        rx, ry, rz = ray[k], ray[CHUNK + k], ray[2 * CHUNK + k]
+        rx, ry, rz = s[5 * CHUNK + k], s[6 * CHUNK + k], s[7 * CHUNK + k]
         nx, ny, nz = s[k], s[CHUNK + k], s[2 * CHUNK + k]
         fu, fv = s[3 * CHUNK + k], s[4 * CHUNK + k]
         ta, tb, tc, td = taps[k], taps[CHUNK + k], taps[2 * CHUNK + k], taps[3 * CHUNK + k]
@@ -120,69 +132,88 @@ def _limb(rx, ry, rz, down, gap, sx, sy, sz):
 @jit(nogil=True)
 def paint_sky(row0, row1, width, sky, rot, view, light, earth, colour):
     """Add the sky's share to the band's pixels, tone-mapped like everything else."""
-    one, zero = np.float32(1.0), np.float32(0.0)
-    inv_fx, inv_fy = 1.0 / view[0], 1.0 / view[1]
+    f32, i32 = np.float32, np.int32
+    one, zero = f32(1.0), f32(0.0)
+    inv_fx, inv_fy = f32(1.0 / view[0]), f32(1.0 / view[1])
+    cx = f32(view[2] - 0.5)
     sx, sy, sz = light[0], light[1], light[2]
-    exposure = light[15]
-    ro2, air_top = np.float32(_RO * _RO), np.float32(_AIR_TOP)
-    r00, r01, r02 = np.float32(rot[0, 0]), np.float32(rot[0, 1]), np.float32(rot[0, 2])
-    ray, s = np.empty(3 * CHUNK, np.float32), np.empty(5 * CHUNK, np.float32)
-    pixel, taps = np.empty(CHUNK, np.int32), np.empty(4 * CHUNK, np.int32)
+    ro2, air_top = f32(_RO * _RO), f32(_AIR_TOP)
+    r00, r01, r02 = f32(rot[0, 0]), f32(rot[0, 1]), f32(rot[0, 2])
+    s, taps = np.empty(8 * CHUNK, np.float32), np.empty(4 * CHUNK, np.int32)
+    pixel, kind = np.empty(CHUNK + 1, np.int32), np.empty(width, np.int32)
     found = 0
     for i in range(row1 - row0):
-        dy = np.float32((row0 + i + 0.5 - view[3]) * inv_fy)
-        bx = np.float32(rot[1, 0]) * dy + np.float32(rot[2, 0])
-        by = np.float32(rot[1, 1]) * dy + np.float32(rot[2, 1])
-        bz = np.float32(rot[1, 2]) * dy + np.float32(rot[2, 2])
+        dy = (f32(row0 + i + 0.5) - f32(view[3])) * inv_fy
+        bx = f32(rot[1, 0]) * dy + f32(rot[2, 0])
+        by = f32(rot[1, 1]) * dy + f32(rot[2, 1])
+        bz = f32(rot[1, 2]) * dy + f32(rot[2, 2])
         row_one = one + dy * dy
-        for j in range(width):
-            share = sky[i * width + j]
-            if share == zero:
-                continue
-            dx = np.float32((j + 0.5 - view[2]) * inv_fx)
+        shares = sky[i * width : (i + 1) * width]
+        glows = i32(0)
+        for j in range(np.uint64(width)):
+            dx = (f32(i32(j)) - cx) * inv_fx
             rx = r00 * dx + bx
             rr = row_one + dx * dx  # squared length of the ray
-            near_earth = rx < zero and ro2 * (rr - rx * rx) < air_top * rr
+            gap = ro2 * (rr - rx * rx)  # squared distance of the ray from the Earth's centre, times rr
             along = sx * rx + sy * (r01 * dx + by) + sz * (r02 * dx + bz)
-            near_sun = along > zero and along * along > np.float32(0.96) * rr
-            if not (near_earth or near_sun):
+            bare, down = shares[j] > zero, rx < zero
+            ground = bare & down & (gap < rr)
+            near_sun = (along > zero) & (along * along > f32(0.96) * rr)
+            glow = bare & (not ground) & ((down & (gap < air_top * rr)) | near_sun)
+            kind[j] = i32(ground) + i32(2) * i32(glow)
+            glows |= i32(glow)
+        for j in range(np.uint64(width)):
+            pixel[found] = i32(i32(i * width) + i32(j))
+            found += kind[j] & 1
+            if found == CHUNK:
+                _ground(found, pixel, row0, width, sky, rot, view, light, earth, s, taps, colour)
+                found = 0
+        if glows == 0:
+            continue
+        for j in range(width):
+            if kind[j] < 2:
                 continue
-            inv = one / math.sqrt(rr)
-            rx, ry, rz = rx * inv, (r01 * dx + by) * inv, (r02 * dx + bz) * inv
-            red = green = blue = zero
-            if near_earth:
-                gap = ro2 * (one - rx * rx)  # squared distance of the ray from the Earth's centre
-                if gap < one:
-                    ray[found], ray[CHUNK + found], ray[2 * CHUNK + found] = rx, ry, rz
-                    pixel[found] = i * width + j
-                    found += 1
-                    if found == CHUNK:
-                        _ground(found, ray, pixel, sky, sx, sy, sz, exposure, earth, s, taps, colour)
-                        found = 0
-                    continue
-                red, green, blue = _limb(rx, ry, rz, -rx, gap, sx, sy, sz)
-            if near_sun:
-                away = one - along * inv
-                disc = away < np.float32(1.1e-5)  # cosine of the Sun's angular radius
-                flare = np.float32(40.0) if disc else np.float32(6e-6) / (away + np.float32(2e-6))
-                red += flare
-                green += flare * np.float32(0.97)
-                blue += flare * np.float32(0.9)
-            p = 3 * (i * width + j)
-            colour[p] += share * film(red * exposure)
-            colour[p + 1] += share * film(green * exposure)
-            colour[p + 2] += share * film(blue * exposure)
-    _ground(found, ray, pixel, sky, sx, sy, sz, exposure, earth, s, taps, colour)
+            dx = (f32(j) - cx) * inv_fx
+            inv = one / math.sqrt(row_one + dx * dx)
+            rx, ry, rz = (r00 * dx + bx) * inv, (r01 * dx + by) * inv, (r02 * dx + bz) * inv
+            _glow(i * width + j, shares[j], rx, ry, rz, light, colour)
+    _ground(found, pixel, row0, width, sky, rot, view, light, earth, s, taps, colour)
+
+
+@jit(nogil=True)
+def _glow(pixel, share, rx, ry, rz, light, colour):
+    """Add the air above the limb, and the Sun with its flare, to a pixel along a unit ray that misses the ground."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    sx, sy, sz, exposure = light[0], light[1], light[2], light[15]
+    red = green = blue = zero
+    gap = np.float32(_RO * _RO) * (one - rx * rx)
+    if rx < zero and gap < np.float32(_AIR_TOP):
+        red, green, blue = _limb(rx, ry, rz, -rx, max(gap, one), sx, sy, sz)
+    along = sx * rx + sy * ry + sz * rz
+    if along > zero and along * along > np.float32(0.96):
+        away = one - along
+        disc = away < np.float32(1.1e-5)  # cosine of the Sun's angular radius
+        flare = np.float32(40.0) if disc else np.float32(6e-6) / (away + np.float32(2e-6))
+        red += flare
+        green += flare * np.float32(0.97)
+        blue += flare * np.float32(0.9)
+    p = 3 * pixel
+    colour[p] += share * film(red * exposure)
+    colour[p + 1] += share * film(green * exposure)
+    colour[p + 2] += share * film(blue * exposure)
 
 
 @jit(nogil=True)
 def project_stars(stars, rot, view, width, height, out):
     """Stars in the picture and above the air → rows of (column, row, red, green, blue); their number."""
     n = 0
+    # no star farther than the picture's corner from its middle
+    right, down = max(view[2], width - view[2]) / view[0], max(view[3], height - view[3]) / view[1]
+    least = max(1.0 / math.sqrt(1.0 + right * right + down * down), 1e-3)
     for k in range(stars.shape[0]):
         x, y, z = stars[k, 0], stars[k, 1], stars[k, 2]
         depth = rot[2, 0] * x + rot[2, 1] * y + rot[2, 2] * z
-        if depth <= 1e-3 or -x > 0.985 * _HORIZON:
+        if (depth < least) | (-x > 0.985 * _HORIZON):
             continue
         px = view[2] + view[0] * (rot[0, 0] * x + rot[0, 1] * y + rot[0, 2] * z) / depth - 0.5
         py = view[3] + view[1] * (rot[1, 0] * x + rot[1, 1] * y + rot[1, 2] * z) / depth - 0.5

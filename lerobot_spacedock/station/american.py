@@ -15,9 +15,10 @@ PORT, STARBOARD = (1, 0, 0), (-1, 0, 0)
 def barrel(b: Builder, frame: np.ndarray, length: float, radius: float, *, skin: str = "white_shield",
            cone: float = 0.65, mouth: float = 1.0, ends: tuple[bool, bool] = (True, True)) -> None:  # fmt: skip
     """A pressurised module along local z: barrel, end cones, berthing rings, girth rings, bumper gaps."""
-    b.round([(mouth, 0.16), (radius - 0.10, cone - 0.05), (radius, cone)], skin, frame)
+    rims = b.pick(([], []), ([(radius - 0.10, cone - 0.05)], [(radius - 0.10, length - cone + 0.05)]))
+    b.round([(mouth, 0.16), *rims[0], (radius, cone)], skin, frame)
     b.round([(radius, cone), (radius, length - cone)], skin, frame)
-    b.round([(radius, length - cone), (radius - 0.10, length - cone + 0.05), (mouth, length - 0.16)], skin, frame)
+    b.round([(radius, length - cone), *rims[1], (mouth, length - 0.16)], skin, frame)
     for z0, z1, closed in ((0.0, 0.16, ends[0]), (length - 0.16, length, ends[1])):
         b.round([(mouth + 0.05, z0), (mouth + 0.05, z1)], "aluminium", frame)
         if closed:

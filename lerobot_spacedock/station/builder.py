@@ -39,7 +39,7 @@ class Builder:
 
     def sides(self, radius: float) -> int:
         """Facets for a round part of this radius, m."""
-        steps = ((1.2, 26, 56), (0.7, 16, 36), (0.3, 10, 22), (0.12, 6, 12), (0.04, 5, 8), (0.0, 4, 6))
+        steps = ((1.2, 22, 56), (0.7, 14, 36), (0.3, 10, 22), (0.12, 6, 12), (0.04, 5, 8), (0.0, 4, 6))
         for limit, low, high in steps:
             if radius >= limit:
                 return high if self.high else low
@@ -91,11 +91,11 @@ class Builder:
         self.add(disc(0.0, radius, 0.02, n), "window", at)
 
     def ring(self, at: np.ndarray, radius: float, minor: float, material: str, z: float = 0.0) -> None:
-        """A round bar about local z."""
-        if minor > 0.05 or self.high:
+        """A round bar about local z; in low detail a hoop."""
+        if self.high:
             self.add(torus(radius, minor, self.sides(radius), 4, z), material, at)
         else:
-            rows = [(radius - minor, z - minor), (radius + minor, z), (radius - minor, z + minor)]
+            rows = [(radius + 0.5 * minor, z - minor), (radius + 0.5 * minor, z + minor)]
             self.add(revolve(rows, self.sides(radius)), material, at)
 
     def dish(self, at: np.ndarray, radius: float, material: str = "white_paint") -> None:

@@ -47,7 +47,14 @@ def target_cross(b: Builder, at: np.ndarray, plate: float, stand_off: float, *, 
 def zvezda_port(b: Builder, at: np.ndarray, *, near: bool) -> None:
     """Passive probe-and-drogue port: flange with hooks, drogue cone, its socket with the target; see harmony_port."""
     b.segment = "zvezda_port"
-    n = b.pick(40, 72) if near else 16
+    if not near:
+        skirt = [(0.86, -0.46), (0.775, -0.20), (0.745, -0.006)]
+        throat = [(0.545, -0.006), (0.41, -0.075), (0.165, -0.345), (0.0, -0.36)]
+        b.add(revolve(skirt, b.pick(12, 16)), "russian_white", at)
+        b.add(revolve([skirt[-1], throat[0]], b.pick(12, 16)), "machined_ring", at)
+        b.add(revolve(throat, b.pick(12, 16)), "drogue", at)
+        return
+    n = b.pick(40, 72)
     # outer skirt, docking flange with seal grooves, then the throat
     b.add(
         revolve([(0.86, -0.46), (0.80, -0.32), (0.775, -0.20), (0.775, -0.03), (0.745, -0.006)], n), "russian_white", at
@@ -61,9 +68,6 @@ def zvezda_port(b: Builder, at: np.ndarray, *, near: bool) -> None:
         "machined_ring", at,
     )  # fmt: skip
     b.add(revolve([(0.545, -0.001), (0.52, -0.03), (0.475, -0.05), (0.43, -0.055), (0.41, -0.075)], n), "anodised", at)
-    if not near:
-        b.add(revolve([(0.41, -0.075), (0.165, -0.345), (0.0, -0.36)], n), "drogue", at)
-        return
     # dark rubber seals
     for r in (0.5925, 0.645):
         b.add(disc(r - 0.0075, r + 0.0065, -0.0075, n), "black", at)
@@ -125,8 +129,15 @@ def harmony_port(b: Builder, at: np.ndarray, *, near: bool) -> None:
         near: whether this is the port to dock at; the other is seen from 50 m at best and keeps its large parts only.
     """
     b.segment = "harmony_port"
-    n = b.pick(40, 72) if near else 16
     body = 0.80
+    if not near:
+        skirt = [(0.93, -0.62), (0.93, -0.48), (body, -0.36), (0.775, -0.03)]
+        passage = [(0.585, 0.0), (0.41, -0.15), (0.41, -0.5), (0.0, -0.5)]
+        b.add(revolve(skirt, b.pick(12, 16)), "white_shield", at)
+        b.add(revolve([skirt[-1], passage[0]], b.pick(12, 16)), "machined_ring", at)
+        b.add(revolve(passage, b.pick(12, 16)), "anodised", at)
+        return
+    n = b.pick(40, 72)
     # box-like adapter behind the ring: skirt and shield panels
     b.add(
         revolve([(0.93, -0.62), (0.93, -0.48), (0.86, -0.45), (body, -0.36), (body, -0.06), (0.775, -0.03)], n),
@@ -142,9 +153,6 @@ def harmony_port(b: Builder, at: np.ndarray, *, near: bool) -> None:
         ),
         "machined_ring", at,
     )  # fmt: skip
-    if not near:
-        b.add(revolve([(0.585, -0.02), (0.41, -0.15), (0.41, -0.5), (0.0, -0.5)], n), "anodised", at)
-        return
     for r in (0.669, 0.623):
         b.add(disc(r - 0.007, r + 0.007, -0.0065, n), "black", at)
     # soft-capture interface ring with three petals, mechanical latch strikers between them

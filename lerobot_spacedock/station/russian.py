@@ -66,7 +66,7 @@ def zvezda(b: Builder) -> None:
     b.round([(1.45, -7.55), (2.06, -6.35)], "russian_white", f)
     b.round([(1.45, -10.9), (1.45, -7.55)], "russian_mli", f)
     b.round([(1.05, -11.35), (1.45, -10.9)], "russian_mli", f)
-    b.add(sphere(1.13, b.sides(1.3)), "russian_white", f, shift(z=-12.35))
+    b.add(sphere(1.13, b.pick(14, 56)), "russian_white", f, shift(z=-12.35))
     b.round([(0.75, -14.30), (0.75, -13.2)], "anodised", f)
     for z, r in ((-2.30, 2.10), (-4.2, 2.075), (-6.35, 2.08), (-7.55, 1.47), (-9.2, 1.46), (-10.9, 1.47)):
         b.ring(f, r, 0.035, "anodised", z)
@@ -260,7 +260,7 @@ def prichal(b: Builder) -> None:
     """The node below Nauka: a ball with ports."""
     b.segment = "prichal"
     f = pose((X0, 20.13, -17.9), NADIR, AFT)
-    b.add(sphere(1.62, b.sides(1.3)), "russian_mli", f)
+    b.add(sphere(1.62, b.pick(16, 56)), "russian_mli", f)
     b.round([(0.75, -1.9), (0.75, -1.3)], "anodised", f)
     for axis in ((0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)):
         p = f @ pose(np.array(axis) * 1.45, axis)

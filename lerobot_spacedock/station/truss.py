@@ -29,9 +29,16 @@ def truss(b: Builder) -> None:
             ring0 = np.array([(x0, Y0 + slim * y, Z0 + slim * z) for y, z in SECTION])
             ring1 = np.array([(x1, Y0 + slim * y, Z0 + slim * z) for y, z in SECTION])
             n = b.pick(3, 4)
+            # longerons run straight on: in low detail three bays in one piece
+            first = k - (k if k < 9 else k - 10) % 3
+            last = min(first + 3, 9 if k < 9 else len(edges) - 1)
             for i in range(6):
                 j = (i + 1) % 6
-                b.add(strut(ring0[i], ring1[i], 0.075, n), "aluminium")
+                if b.high:
+                    b.add(strut(ring0[i], ring1[i], 0.075, n), "aluminium")
+                elif k == first:
+                    far = ring1[i] + [sign * (edges[last] - edges[k + 1]), 0.0, 0.0]
+                    b.add(strut(ring0[i], far, 0.075, n), "aluminium")
                 if not b.high and (i + k) % 3 == 0:
                     continue
                 b.add(strut(ring0[i], ring0[j], 0.06, n), "aluminium")
@@ -77,21 +84,9 @@ def truss(b: Builder) -> None:
 def _joint(b: Builder, sign: float) -> None:
     """Solar alpha rotary joint: two big rings and the drum between."""
     f = pose((sign * 22.0, Y0, Z0), (sign, 0, 0), (0, 0, 1))
-    b.round(
-        [
-            (1.25, 0.0),
-            (1.62, 0.05),
-            (1.62, 0.35),
-            (1.2, 0.45),
-            (1.2, 1.8),
-            (1.55, 1.9),
-            (1.55, 2.2),
-            (1.1, 2.3),
-            (0.8, 3.0),
-        ],
-        "aluminium",
-        f,
-    )
+    rows = [(1.25, 0.0), (1.62, 0.05), (1.62, 0.35), (1.2, 0.45), (1.2, 1.8), (1.55, 1.9), (1.55, 2.2), (1.1, 2.3),
+            (0.8, 3.0)]  # fmt: skip
+    b.round(b.pick([rows[k] for k in (0, 1, 2, 3, 5, 6, 8)], rows), "aluminium", f)
     b.ring(f, 1.64, 0.06, "gold_mli", 0.2)
     for k in range(6):
         b.add(box((0.3, 0.4, 1.0), (1.3, 0, 1.1)), "beta_cloth", f, turn(k * np.pi / 3))
@@ -135,7 +130,7 @@ def _wing(b: Builder, at: np.ndarray, roll_out: bool) -> None:
                 at,
             )
     # mast: a square lattice of longerons, battens and diagonals
-    r, bays, n = 0.38, b.pick(8, 26), 3
+    r, bays, n = 0.38, b.pick(6, 26), 3
     posts = np.array([(r, r), (-r, r), (-r, -r), (r, -r)])
     for i in range(4):
         j = (i + 1) % 4

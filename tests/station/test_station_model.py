@@ -21,7 +21,7 @@ def extent(mesh, segment):
 
 def test_levels_of_detail():
     low, high = (len(station_for_port("zvezda_aft", d)) for d in ("low", "high"))
-    assert 28_000 < low < 46_000
+    assert 28_000 < low < 36_000
     assert 95_000 < high < 120_000
 
 
