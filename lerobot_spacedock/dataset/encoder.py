@@ -63,7 +63,8 @@ def check_encoder(layout: DatasetLayout) -> None:
     before = said_by.level
     said_by.setLevel(logging.CRITICAL)  # what it says of a failure is in the error
     try:
-        with tempfile.TemporaryDirectory() as scratch:
+        # its thread may still be writing when it has failed
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
             encoder.start_episode([schema.IMAGE], Path(scratch))
             for _ in range(TRIED_FRAMES):
                 encoder.feed_frame(schema.IMAGE, frame)

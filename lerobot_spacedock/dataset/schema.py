@@ -32,7 +32,7 @@ DONE = "next.done"
 
 STORAGES = ("video", "image")
 LEAST_IMAGE_px = 16
-LEAST_VIDEO_px = 32  # the AV1 encoder ends the whole process on frames 16 pixels wide
+LEAST_VIDEO_WIDTH_px = 32  # the AV1 encoder ends the whole process on narrower frames
 STATE_UNITS = ("m",) * 3 + ("m/s",) * 3 + ("kg",) + ("1",) * 4 + ("deg/s",) * 3
 ACTION_UNITS = ("N",) * 3 + ("N·m",) * 3
 
@@ -94,9 +94,10 @@ def columns(
     """
     if storage not in STORAGES:
         raise InputError("storage", storage, " or ".join(STORAGES))
-    least = LEAST_VIDEO_px if storage == "video" else LEAST_IMAGE_px
-    if image and (min(height, width) < least or (storage == "video" and (height % 2 or width % 2))):
-        allowed = f"{LEAST_IMAGE_px} pixels or more; for video {LEAST_VIDEO_px} or more, even numbers"
+    video = storage == "video"
+    narrow = min(height, width) < LEAST_IMAGE_px or (video and width < LEAST_VIDEO_WIDTH_px)
+    if image and (narrow or (video and (height % 2 or width % 2))):
+        allowed = f"{LEAST_IMAGE_px} pixels or more; for video even numbers, {LEAST_VIDEO_WIDTH_px} wide or more"
         raise InputError("image size", f"{height}x{width}", allowed)
     observed = tuple(STATE_NAMES[i] for i in observed_indices(with_mass=with_mass, withhold_pose=withhold_pose))
     observed_units = tuple(STATE_UNITS[STATE_NAMES.index(name)] for name in observed)

@@ -32,7 +32,7 @@ def test_each_component_has_a_name_and_a_unit(options):
             assert column.meaning.endswith(".")
 
 
-@pytest.mark.parametrize("options", [{"storage": "gif"}, {"height": 8}, {"height": 47}])
+@pytest.mark.parametrize("options", [{"storage": "gif"}, {"height": 8}, {"height": 47}, {"height": 32, "width": 30}])
 def test_what_the_encoder_cannot_take_is_refused(options):
     with pytest.raises(InputError):
         schema.columns(**options)
