@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from .config import CameraConfig
 from .sun import sunlit_share
 
 # relative to a white card that faces the Sun, which is 1
-EARTH_TINT = np.array([0.20, 0.25, 0.33])  # blue sea, white cloud; albedo about 0.3 over half the sphere
-OWN_FILL = np.array([0.020, 0.020, 0.021])  # sunlight scattered by the station itself
-NIGHT_FILL = np.array([0.0010, 0.0011, 0.0014])  # moonlight and airglow
-SUN_TINT = np.array([1.0, 0.975, 0.93])
-LAMP_TINT = np.array([1.0, 0.96, 0.88])
+EARTH_TINT = (0.20, 0.25, 0.33)  # blue sea, white cloud; albedo about 0.3 over half the sphere
+OWN_FILL = (0.020, 0.020, 0.021)  # sunlight scattered by the station itself
+NIGHT_FILL = (0.0010, 0.0011, 0.0014)  # moonlight and airglow
+SUN_TINT = (1.0, 0.975, 0.93)
+LAMP_TINT = (1.0, 0.96, 0.88)
 DAY_EXPOSURE = 0.92
 NIGHT_EXPOSURE = 20.0
 LAMP_REACH_m = 2.5  # the beam spreads as from a source this far behind the lens
@@ -29,19 +31,21 @@ def light_array(config: CameraConfig, r_H: np.ndarray, sun_H: np.ndarray) -> tup
     share = sunlit_share(sun_H)
     below = max(0.0, float(sun_H[0]) + 0.1) / 1.1  # how much of the Earth below is in daylight
     lamp = {"on": 1.0, "off": 0.0, "auto": 1.0 if share < 0.5 else 0.0}[config.lamp]
-    distance2 = float(r_H[0] ** 2 + r_H[1] ** 2 + r_H[2] ** 2)
+    x, y, z = np.asarray(r_H, float).tolist()
+    distance2 = x**2 + y**2 + z**2
     if config.exposure > 0.0:
         exposure = config.exposure
     else:
         exposure = DAY_EXPOSURE / (share + (1.0 - share) * DAY_EXPOSURE / NIGHT_EXPOSURE)
-    power = 0.055 * np.sqrt((distance2 + LAMP_REACH_m**2) * (LAMP_REACH_m**2 + 4.0)) if lamp else 0.0
-    light = np.zeros(18, np.float32)
-    light[0:3] = sun_H
-    light[3:6] = SUN_TINT * share
-    light[6:9] = EARTH_TINT * below + NIGHT_FILL * 0.5
-    light[9:12] = OWN_FILL * share + NIGHT_FILL
-    light[12:15] = LAMP_TINT * power * lamp
-    light[15] = exposure
-    light[16] = LAMP_REACH_m**2
-    light[17] = lamp
-    return light, np.float32(min(1.0, 0.25 + 0.75 * (1.0 - share)))
+    power = 0.0
+    if lamp:
+        power = 0.055 * math.sqrt((distance2 + LAMP_REACH_m**2) * (LAMP_REACH_m**2 + 4.0))
+    light = [
+        *np.asarray(sun_H, float).tolist(),
+        *(tint * share for tint in SUN_TINT),
+        *(tint * below + fill * 0.5 for tint, fill in zip(EARTH_TINT, NIGHT_FILL, strict=True)),
+        *(own * share + fill for own, fill in zip(OWN_FILL, NIGHT_FILL, strict=True)),
+        *(tint * power * lamp for tint in LAMP_TINT),
+        exposure, LAMP_REACH_m**2, lamp,
+    ]  # fmt: skip
+    return np.array(light, np.float32), np.float32(min(1.0, 0.25 + 0.75 * (1.0 - share)))

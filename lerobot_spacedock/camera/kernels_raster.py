@@ -25,8 +25,8 @@ CLUSTER_TRIANGLES = 64
 LANES = CLUSTER_TRIANGLES + 8  # numbers between the rows of a cluster's scratch arrays
 
 # rows of those arrays: corners from the upper to the lower one, in pixels and 1/m; then 1/z as an affine function of
-# column and row; then dx/dy of the upper-lower, upper-middle and middle-lower edges
-AX, AY, AW, BX, BY, BW, CX, CY, CW, GX, GY, G0, LONG, UPPER, LOWER = range(15)
+# column and row; then dx/dy of the upper-lower, upper-middle and middle-lower edges; whether it may hold a sample
+AX, AY, AW, BX, BY, BW, CX, CY, CW, GX, GY, G0, LONG, UPPER, LOWER, HOLDS = range(16)
 
 
 @jit(nogil=True)
@@ -137,7 +137,8 @@ def draw_triangles(corners, planes, surface, clusters, spheres, cones, rot, eye,
     kept, nearest = np.empty(len(clusters), np.int64), np.empty(len(clusters))
     count = order_clusters(spheres, cones, rot, eye, view, width, height, finest, kept, nearest)
     flat, keep = np.empty(9 * LANES, np.float32), np.empty(LANES, np.int32)
-    shapes, number = np.empty(15 * 2 * LANES), np.empty(2 * LANES, np.int32)
+    chosen = np.empty(2 * LANES, np.uint64)
+    shapes, number = np.empty(16 * 2 * LANES), np.empty(2 * LANES, np.int32)
     looks = 0
     for place in range(count):
         if looks < len(LOOK_BACK) and place >= LOOK_BACK[looks] * count:
@@ -148,9 +149,9 @@ def draw_triangles(corners, planes, surface, clusters, spheres, cones, rot, eye,
             continue
         first, end = clusters[k, 0], clusters[k, 1]
         _project(corners, planes, first, end, rot, eye, view, width, height, samples, flat, keep)
-        n = _choose(corners, planes, surface, first, end, rot, eye, view, flat, keep, shapes, number, away)
-        _set_up(n, shapes)
-        _fill(n, shapes, number, width, height, samples, blocks, tiles, cells)
+        n = _choose(corners, planes, surface, first, end, rot, eye, view, flat, keep, chosen, shapes, number, away)
+        _set_up(n, samples, shapes)
+        _fill(n, shapes, number, chosen, width, height, samples, blocks, tiles, cells)
 
 
 @jit(nogil=True)
@@ -214,31 +215,42 @@ def _project(corners, planes, first, end, rot, eye, view, width, height, samples
 
 
 @jit(nogil=True)
-def _choose(corners, planes, surface, first, end, rot, eye, view, flat, keep, shapes, number, away):
+def _choose(corners, planes, surface, first, end, rot, eye, view, flat, keep, chosen, shapes, number, away):
     """Bring the triangles that leave a trace together in ``shapes``, their surfaces in ``number``; → their number."""
-    n = 0
-    for k in range(np.uint64(end - first)):
-        if keep[k] == 0:
-            continue
-        f = np.uint64(first) + k
-        facing = planes[0, f] * eye[0] + planes[1, f] * eye[1] + planes[2, f] * eye[2] - planes[3, f]
-        away[surface[f]] = -facing
-        if keep[k] == 1:
-            for row in range(9):
-                shapes[row * 2 * LANES + n] = flat[row * LANES + k]
-            number[n] = surface[f]
-            n += 1
-            continue
-        for _ in range(_clip(corners, f, rot, eye, view, shapes, n)):
-            number[n] = surface[f]
-            n += 1
+    n = cuts = 0
+    for k in range(np.uint64(end - first)):  # without a branch: what is kept follows no rule
+        chosen[n] = k
+        n += keep[k] & 1
+        cuts += keep[k] >> 1
+    for row in range(np.uint64(9)):
+        for i in range(np.uint64(n)):
+            shapes[row * np.uint64(2 * LANES) + i] = flat[row * np.uint64(LANES) + chosen[i]]
+    for i in range(np.uint64(n)):
+        f = np.uint64(first) + chosen[i]
+        number[i] = surface[f]
+        away[np.uint32(surface[f])] = _behind(planes, f, eye)
+    for k in range(np.uint64(end - first if cuts > 0 else 0)):
+        if keep[k] == 2:
+            f = np.uint64(first) + k
+            away[surface[f]] = _behind(planes, f, eye)
+            for _ in range(_clip(corners, f, rot, eye, view, shapes, n)):
+                number[n] = surface[f]
+                n += 1
     return n
 
 
+@jit(nogil=True, forceinline=True)
+def _behind(planes, f, eye):
+    """How far the camera is behind a triangle's plane."""
+    return planes[3, f] - (planes[0, f] * eye[0] + planes[1, f] * eye[1] + planes[2, f] * eye[2])
+
+
 @jit(nogil=True)
-def _set_up(n, shapes):
-    """Slopes of ``n`` triangles' edges and depths."""
+def _set_up(n, samples, shapes):
+    """Slopes of ``n`` triangles' edges and depths; which of them hold a sample, where they have four rows at most."""
     row = 2 * LANES
+    grain, step = float(samples), 1.0 / samples
+    base, odd, late = (0.375, 0.5, -0.25) if samples == 4 else (0.5, 0.0, 0.0)
     for k in range(np.uint64(n)):
         ax, ay, aw = shapes[AX * row + k], shapes[AY * row + k], shapes[AW * row + k]
         bx, by, bw = shapes[BX * row + k], shapes[BY * row + k], shapes[BW * row + k]
@@ -248,19 +260,37 @@ def _set_up(n, shapes):
         gx = ((bw - aw) * (cy - ay) - (cw - aw) * (by - ay)) * inv
         gy = ((cw - aw) * (bx - ax) - (bw - aw) * (cx - ax)) * inv
         shapes[GX * row + k], shapes[GY * row + k], shapes[G0 * row + k] = gx, gy, aw - gx * ax - gy * ay
-        shapes[LONG * row + k] = (cx - ax) / (cy - ay) if cy > ay else 0.0
-        shapes[UPPER * row + k] = (bx - ax) / (by - ay) if by > ay else 0.0
-        shapes[LOWER * row + k] = (cx - bx) / (cy - by) if cy > by else 0.0
+        long = (cx - ax) / (cy - ay) if cy > ay else 0.0
+        upper = (bx - ax) / (by - ay) if by > ay else 0.0
+        lower = (cx - bx) / (cy - by) if cy > by else 0.0
+        shapes[LONG * row + k], shapes[UPPER * row + k], shapes[LOWER * row + k] = long, upper, lower
+        top = np.ceil(ay * grain - 0.5)
+        rows = np.ceil(cy * grain - 0.5) - top
+        holds = rows > 4.0
+        for r in range(4):
+            y = (top + r + 0.5) * step
+            x0 = ax + (y - ay) * long
+            x1 = ax + (y - ay) * upper if y < by else bx + (y - by) * lower
+            # where in its column the row's samples stand, see SAMPLE_X_4
+            two = np.floor((top + r) * 0.5)
+            off = base + odd * (top + r - 2.0 * two) + late * (two - 2.0 * np.floor(two * 0.5))
+            holds |= (rows > r) & (np.ceil(min(x0, x1) - off) < np.ceil(max(x0, x1) - off))
+        shapes[HOLDS * row + k] = 1.0 if holds else 0.0
 
 
 @jit(nogil=True)
-def _fill(n, shapes, number, width, height, samples, blocks, floors, cells):
+def _fill(n, shapes, number, chosen, width, height, samples, blocks, floors, cells):
     """Scan-convert ``n`` triangles, but for tiles that hold nothing farther than they are."""
     row = 2 * LANES
     grain, wide = float(samples), float(width)
     step = 1.0 / grain
     offsets = (0.375, 0.875, 0.125, 0.625) if samples == 4 else (0.5, 0.5, 0.5, 0.5)
+    m = 0
     for k in range(np.uint64(n)):
+        chosen[m] = k
+        m += np.int64(shapes[HOLDS * row + k])
+    for i in range(np.uint64(m)):
+        k = chosen[i]
         ax, ay, bx, by = shapes[AX * row + k], shapes[AY * row + k], shapes[BX * row + k], shapes[BY * row + k]
         cx, cy = shapes[CX * row + k], shapes[CY * row + k]
         begin = np.int64(max(math.ceil(ay * grain - 0.5), 0.0))

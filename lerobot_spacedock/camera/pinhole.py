@@ -27,7 +27,7 @@ def rotation_CH(q_HB: np.ndarray) -> np.ndarray:
     Args:
         q_HB: attitude, (4,), scalar first; turns body vectors into Hill vectors.
     """
-    w, x, y, z = (float(v) for v in q_HB)
+    w, x, y, z = np.asarray(q_HB, float).tolist()
     bx = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
     by = (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x))
     bz = (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y))
@@ -60,9 +60,10 @@ def checked_pose(r_H: object, q_HB: object) -> tuple[np.ndarray, np.ndarray]:
     """Position (3,) m and unit quaternion (4,) as float64, or an InputError."""
     r = _vector("r_H", r_H, 3, "three finite numbers, metres, each below 1e6")
     q = _vector("q_HB", q_HB, 4, "four finite numbers, scalar first")
-    if np.abs(r).max() > 1e6:
+    if max(map(abs, r.tolist())) > 1e6:
         raise InputError("r_H", r_H, "three finite numbers, metres, each below 1e6")
-    norm = math.sqrt(float(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]))
+    w, x, y, z = q.tolist()
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
     if not 0.9 < norm < 1.1:
         raise InputError("q_HB", q_HB, "a unit quaternion (norm 0.9 to 1.1; it is normalised)")
     return r, q / norm
@@ -71,7 +72,8 @@ def checked_pose(r_H: object, q_HB: object) -> tuple[np.ndarray, np.ndarray]:
 def checked_sun(sun_H: object) -> np.ndarray:
     """Unit vector (3,) towards the Sun as float64, or an InputError."""
     sun = _vector("sun_H", sun_H, 3, "three finite numbers, not all zero")
-    norm = math.sqrt(float(sun[0] * sun[0] + sun[1] * sun[1] + sun[2] * sun[2]))
+    x, y, z = sun.tolist()
+    norm = math.sqrt(x * x + y * y + z * z)
     if norm < 1e-9:
         raise InputError("sun_H", sun_H, "a direction towards the Sun; zero has none")
     return sun / norm
@@ -82,6 +84,6 @@ def _vector(what: str, given: object, size: int, allowed: str) -> np.ndarray:
         out = np.array(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(what, given, allowed) from error
-    if out.shape != (size,) or not np.isfinite(out).all():
+    if out.shape != (size,) or not all(map(math.isfinite, out.tolist())):
         raise InputError(what, given, allowed)
     return out
