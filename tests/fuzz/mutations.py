@@ -6,6 +6,7 @@ import io
 import json
 import struct
 import zlib
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,8 @@ TOKENS = (b"\x00", b"\xff\xff\xff\xff", b"\x7f\xff\xff\xff", b"../../../etc/pass
 TOKENS += (b"!!python/object/apply:os.system ['true']\n", b"&a [*a]\n", b"\xef\xbb\xbf", b",", b"%s%n", b"\xc0\x80")
 VALUES = (None, True, False, 0, -1, 1e308, -1e-320, 2**63, 10**30, "", "x" * 300, "nan", "\x00", [], {}, [[]], [None])
 VALUES += ("../../../etc/passwd", "/etc/passwd", {"a": {"b": []}}, [1, "a", None], 0.5, 3, "meta_rl", "2024", "{chunk}")
+
+MILLIONS = 3_000_000
 
 
 def mutate_bytes(rng: np.random.Generator, data: bytes) -> bytes:
@@ -186,6 +189,11 @@ def hdf5(rng: np.random.Generator, data: bytes) -> bytes:
     name = names[int(rng.integers(len(names)))]
     with h5py.File(out, "w") as file:
         kind = rng.random()
+        images = found.get("observations/images/camera")
+        if images is not None and images.ndim == 2:  # encoded pictures
+            row = int(rng.integers(len(images)))
+            damaged = (png_header if rng.random() < 0.5 else mutate_bytes)(rng, images[row].tobytes())
+            images[row] = np.frombuffer(damaged.ljust(images.shape[1], b"\0"), np.uint8)[: images.shape[1]]
         changed = arrays(rng, found) if kind < 0.6 else {k: v for k, v in found.items() if k != name}
         for key, value in changed.items():
             if np.asarray(value).dtype.kind in "fiub" and key.replace("/", "").isidentifier():
@@ -203,6 +211,16 @@ def hdf5(rng: np.random.Generator, data: bytes) -> bytes:
     return out.getvalue()
 
 
+def _millions(column: Any) -> Any:
+    """Three million rows of a column's first value: next to nothing on disk."""
+    import pyarrow as pa
+
+    first = column.slice(0, 1).combine_chunks()
+    if pa.types.is_nested(first.type):
+        return pa.nulls(MILLIONS, first.type)
+    return pa.DictionaryArray.from_arrays(pa.array(np.zeros(MILLIONS, np.int8)), first).cast(first.type)
+
+
 def parquet(rng: np.random.Generator, data: bytes) -> bytes:
     """Columns taken out, doubled, of other types, with nulls and values that are no states; other metadata."""
     import pyarrow as pa
@@ -212,7 +230,9 @@ def parquet(rng: np.random.Generator, data: bytes) -> bytes:
     names = table.column_names
     at = int(rng.integers(len(names)))
     metadata = dict(table.schema.metadata or {})
-    match int(rng.integers(0, 7)):
+    match int(rng.integers(0, 8)):
+        case 0 if rng.random() < 0.1:
+            table = pa.table({name: _millions(table.column(name)) for name in names})
         case 0:
             table = table.drop_columns([names[at]])
         case 1:
@@ -229,6 +249,8 @@ def parquet(rng: np.random.Generator, data: bytes) -> bytes:
             table = table.set_column(at, names[at], pa.array([[1.0, None]] * table.num_rows))
         case 5:
             table = table.set_column(at, names[at], pa.nulls(table.num_rows))
+        case 6:
+            table = pa.concat_tables([table] * 2 + [table.slice(int(rng.integers(0, table.num_rows + 1)))])
         case _:
             for key, text in metadata.items():
                 try:

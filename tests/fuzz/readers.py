@@ -5,62 +5,18 @@ A reader is given a file or a folder and may return, or raise a ``SpaceDockError
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import io
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import mutations
 import numpy as np
+from dataset_readers import DATASET_READERS
+from reader import Reader, an_episode, some_arrays
 
-from lerobot_spacedock.episode_log import EpisodeLog, log_path, write_episode_log
-from lerobot_spacedock.errors import SpaceDockError
-
-STEPS = 6
-Mutation = Callable[[np.random.Generator, bytes], bytes]
-
-
-@dataclass(frozen=True)
-class Reader:
-    """One row of the table.
-
-    Attributes:
-        name: what is read.
-        make: writes good files into a folder; returns those that get mutated, each with what keeps its framing whole
-            (None: bytes only).
-        read: what is called with the mutated file.
-        allowed: what it may raise.
-        needs: optional modules.
-    """
-
-    name: str
-    make: Callable[[Path], list[tuple[Path, Mutation | None]]]
-    read: Callable[[Path], object]
-    allowed: tuple[type[BaseException], ...] = (SpaceDockError,)
-    needs: tuple[str, ...] = ()
-
-
-def an_episode(seed: int = 0) -> EpisodeLog:
-    """A short flight as the environment logs it."""
-    rng = np.random.default_rng(seed)
-    state = np.zeros((STEPS + 1, 14))
-    state[:, 1], state[:, 6] = np.linspace(-3.0, 0.2, STEPS + 1), 1000.0
-    state[:, 7:11] = (0.5**0.5, -(0.5**0.5), 0.0, 0.0)
-    about = {
-        "env_id": "SpaceDock-v0",
-        "seed": seed,
-        "initial_conditions": "same",
-        "clipped_actions": 0,
-        "success": True,
-    }
-    about |= {"config": {"port": "zvezda_aft", "corridor": {"half_angle_deg": 10.0, "mouth_radius_m": 1.5}}}
-    about |= {"inference": {"batch": 2, "warm_up_steps": 1}}
-    dt = np.full(STEPS, 0.9)
-    time = np.concatenate([[0.0], np.cumsum(dt)])
-    extra = {"inference_s": rng.uniform(0.01, 0.02, STEPS)}
-    return EpisodeLog(time, state, rng.normal(0, 5, (STEPS, 6)), dt, np.zeros(STEPS), about, extra)
-
+from lerobot_spacedock.episode_log import log_path, write_episode_log
 
 # ---- rollouts that others made
 
@@ -98,12 +54,6 @@ def read_png(path: Path) -> object:
     return read_picture(path)
 
 
-def some_arrays() -> dict[str, np.ndarray]:
-    log = an_episode()
-    images = np.random.default_rng(0).integers(0, 256, (STEPS, 4, 6, 3), dtype=np.uint8)
-    return {"state": log.state[:-1, :13], "action": log.action, "dt": log.dt, "images": images}
-
-
 def make_npz(folder: Path) -> list:
     for name, save in (("episode_0.npz", np.savez), ("episode_1.npz", np.savez_compressed)):
         save(folder / name, **some_arrays())
@@ -118,7 +68,21 @@ def make_hdf5(folder: Path) -> list:
         file["observations/qpos"], file["action"] = found["state"], found["action"]
         file["observations/images/camera"], file["dt"] = found["images"], found["dt"]
         file.attrs["success"] = True
-    return [(folder / "episode_0.hdf5", mutations.hdf5)]
+    with h5py.File(folder / "episode_1.hdf5", "w") as file:  # each picture a PNG file, filled up with zeros
+        file["observations/qpos"], file["action"] = found["state"], found["action"]
+        file["observations/images/camera"] = _encoded(found["images"])
+    return [(folder / f"episode_{i}.hdf5", mutations.hdf5) for i in (0, 1)]
+
+
+def _encoded(pictures: np.ndarray) -> np.ndarray:
+    from PIL import Image
+
+    rows = np.zeros((len(pictures), 400), dtype=np.uint8)
+    for row, picture in zip(rows, pictures, strict=True):
+        stream = io.BytesIO()
+        Image.fromarray(picture).save(stream, "PNG")
+        row[: len(stream.getvalue())] = np.frombuffer(stream.getvalue(), np.uint8)
+    return rows
 
 
 def read_arrays(path: Path) -> object:
@@ -139,6 +103,14 @@ def read_log(path: Path) -> object:
     from lerobot_spacedock.metrics.collect import measured
 
     return measured(path)
+
+
+def read_view(path: Path) -> object:
+    """``spacedock view``: the last state, drawn as the log says that it was seen."""
+    from lerobot_spacedock.report.view import ViewConfig, view
+
+    with contextlib.redirect_stdout(None):
+        return view(ViewConfig(log=path, detail="low", height=16, width=24, render=path.with_suffix(".png")))
 
 
 def make_samples(folder: Path) -> list:
@@ -183,7 +155,7 @@ def read_yaml(path: Path) -> object:
     return parse_config(config_class, [f"--config_path={path}"], prog="spacedock")
 
 
-# ---- weights, meshes, datasets
+# ---- weights, meshes, results
 
 
 def make_checkpoint(folder: Path) -> list:
@@ -203,6 +175,48 @@ def read_checkpoint(path: Path) -> object:
     return load_actor(path.with_suffix(".safetensors"))
 
 
+def make_training(folder: Path) -> list:
+    """A checkpoint of a small training, as ``train-expert`` leaves it to be resumed."""
+    from lerobot_spacedock.expert.ppo import make_ppo
+    from lerobot_spacedock.expert.train_config import ActorConfig, PpoConfig, TrainExpertConfig
+    from lerobot_spacedock.expert.train_state import save_checkpoint
+    from lerobot_spacedock.expert.training_tasks import TrainingTasks
+
+    small = PpoConfig(critic_hidden_sizes=[4], mini_batches=1)
+    config = TrainExpertConfig(num_envs=8, episode_steps=4, actor=ActorConfig(4, [4]), ppo=small)
+    algorithm = make_ppo(config, TrainingTasks(config).reset(0))
+    _TRAINING[:] = [algorithm]
+    progress = {"iteration": 1, "interactions": 32, "wall_s": 0.5, "curve": []}
+    saved = save_checkpoint(folder / "checkpoints", config, algorithm, progress, {"seed": 0, "resume": False})
+    return [
+        (saved / "training.safetensors", mutations.safetensors_header),
+        (saved / "training.json", mutations.json_text),
+    ]
+
+
+_TRAINING: list = []  # what a checkpoint is read into; one in each process that fuzzes
+
+
+def read_training(path: Path) -> object:
+    from lerobot_spacedock.expert.train_state import load_checkpoint, load_networks
+
+    load_networks(path.parent, _TRAINING[0])
+    return load_checkpoint(path.parents[1], _TRAINING[0], {"seed": 0, "resume": True})
+
+
+def make_results(folder: Path) -> list:
+    row = {"task": "t", "coefficient": 0.01, "smoothness": {"mean": 1.0}, "distance_m": {"mean": 0.1}}
+    trials = [{"point": {"demonstrations": "clean", "chunk_size": n}, "rows": [row] * 2} for n in (5, 10)]
+    (folder / "sweep.json").write_text(json.dumps({"name": "a", "trials": trials}))
+    return [(folder / "sweep.json", mutations.json_text)]
+
+
+def read_results(path: Path) -> object:
+    from lerobot_spacedock.study.figure import frontier, read_trials
+
+    return frontier(read_trials([path]), "t")
+
+
 def make_mesh(folder: Path) -> list:
     import trimesh
 
@@ -216,43 +230,18 @@ def read_mesh(path: Path) -> object:
     return load_station(path)
 
 
-def make_dataset(folder: Path) -> list:
-    """A dataset of two episodes with pictures, as ``spacedock convert`` writes it."""
-    from lerobot_spacedock.camera.config import CameraConfig
-    from lerobot_spacedock.dataset.convert import ConvertConfig, convert
-    from lerobot_spacedock.dataset.record import Storage
-
-    (folder / "in").mkdir()
-    np.savez(folder / "in" / "episode_0.npz", **some_arrays())
-    np.savez(folder / "in" / "episode_1.npz", **some_arrays())
-    root = folder / "dataset"
-    options = {"repo_id": "a/b", "root": str(root), "format": "npz", "num_workers": 1}
-    small, stored = CameraConfig(height=16, width=24), Storage(kind="image")
-    convert(ConvertConfig(source=str(folder / "in"), camera=small, storage=stored, **options))
-    files = [(root / "meta" / name, mutations.json_text) for name in ("info.json", "spacedock.json")]
-    found = [*(root / "meta").rglob("*.parquet"), *(root / "data").rglob("*.parquet")]
-    return files + [(file, mutations.parquet) for file in sorted(found) if file.name != "tasks.parquet"]
-
-
-def read_dataset(path: Path) -> object:
-    from lerobot_spacedock.dataset.reader import DatasetReader
-    from lerobot_spacedock.report.dataset_reader import DatasetEpisode
-
-    root = next(parent for parent in path.parents if parent.name == "dataset")
-    found = [episode.log().num_steps for episode in DatasetReader(root).iterate()]
-    episode = DatasetEpisode(root, 1)
-    return found, episode.log().num_steps, [frame.shape for frame in episode.frames()]
-
-
 READERS = (
     Reader("raw export (CSV)", make_csv, read_csv),
     Reader("pictures (PNG)", make_png, read_png),
     Reader("arrays (NPZ)", make_npz, read_arrays),
     Reader("arrays (HDF5)", make_hdf5, read_arrays, needs=("h5py",)),
     Reader("episode logs (Parquet)", make_log, read_log),
+    Reader("episode logs, to be looked at", make_log, read_view),
     Reader("policy and training records (JSON)", make_samples, read_samples),
     Reader("options and sweeps (YAML)", make_yaml, read_yaml),
     Reader("expert checkpoints", make_checkpoint, read_checkpoint),
+    Reader("training checkpoints", make_training, read_training),
+    Reader("results of sweeps (JSON)", make_results, read_results),
     Reader("station meshes (GLB)", make_mesh, read_mesh),
-    Reader("LeRobotDatasets", make_dataset, read_dataset),
+    *DATASET_READERS,
 )

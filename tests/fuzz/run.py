@@ -83,13 +83,13 @@ def _work(reader: Reader, first: int, inputs: int, connection, keep: Path | None
         seeds = [(file, whole, file.read_bytes()) for file, whole in reader.make(folder)]
         for file, _, _ in seeds:
             reader.read(file)  # a good file is read; whatever is imported late is imported now
-        guarded = guard.Guard(folder)
+        guarded = guard.Guard(folder, loopback=reader.loopback)
         guard.limit_memory()
         before, start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
         for number in range(first, first + inputs):
             rng = np.random.default_rng([zlib.crc32(reader.name.encode()), number])
             file, whole, data = seeds[int(rng.integers(len(seeds)))]
-            framed = whole is not None and rng.random() < 0.5
+            framed = whole is not None and (reader.framed or rng.random() < 0.5)
             try:
                 changed = whole(rng, data) if framed else mutations.mutate_bytes(rng, data)
             except Exception:  # the mutation made something that its own writer refuses
@@ -135,9 +135,11 @@ def _one(reader: Reader, file: Path, number: int, guarded: guard.Guard, result: 
 
 
 def _chain_has(error: BaseException | None, kind: type[BaseException]) -> bool:
-    while error is not None:
+    seen: set[int] = set()  # a chain may run in a circle, where an error's cause is raised again
+    while error is not None and id(error) not in seen:
         if isinstance(error, kind):
             return True
+        seen.add(id(error))
         error = error.__cause__ or error.__context__
     return False
 

@@ -4,9 +4,11 @@ import json
 import os
 
 import pytest
+from dataset_readers import make_dataset
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from readers import READERS, an_episode, make_dataset
+from reader import an_episode
+from readers import READERS
 from run import available, fuzz
 
 from lerobot_spacedock.episode_log import write_episode_log
@@ -14,7 +16,10 @@ from lerobot_spacedock.errors import FileFormatError, SpaceDockError
 from lerobot_spacedock.metrics.collect import collect
 from lerobot_spacedock.report.samples import read_samples
 
-QUICK = {"options and sweeps (YAML)": 40, "LeRobotDatasets": 40}  # these cost milliseconds each
+# these cost milliseconds each
+QUICK = {"options and sweeps (YAML)": 60, "hub repositories": 12} | {
+    f"LeRobotDatasets{what}": 40 for what in ("", ", checked", ", imitated")
+}
 ANYTHING = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=12), inner, max_size=4),
