@@ -24,6 +24,8 @@ from lerobot_spacedock.errors import FileFormatError
 from lerobot_spacedock.physics.frames import ACTION_NAMES, STATE_NAMES
 
 COLUMNS = ("step", "time", "dt", *STATE_NAMES, *ACTION_NAMES, "reward")
+POLICY_FILE = "policy.json"  # beside the logs of an evaluation under LeRobot: what flew
+SURPLUS_FOLDER = "surplus"  # beside them too: episodes that only filled the last vector batch
 MAX_STATES = 1_000_000  # eleven days of steps; a file that claims more is no episode
 METADATA_KEYS = (
     "version",

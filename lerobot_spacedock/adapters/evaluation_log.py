@@ -16,13 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_spacedock.episode_log import log_path, read_episode_log, write_episode_log
+from lerobot_spacedock.episode_log import (
+    POLICY_FILE,
+    SURPLUS_FOLDER,
+    log_path,
+    read_episode_log,
+    write_episode_log,
+)
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.folders import check_writable
 
 METRICS_FILE = "eval_metrics.jsonl"
-POLICY_FILE = "policy.json"
-SURPLUS_FOLDER = "surplus"
 
 
 @dataclass

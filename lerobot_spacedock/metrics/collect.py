@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lerobot_spacedock.episode_log import EpisodeLog, read_episode_log
+from lerobot_spacedock.episode_log import SURPLUS_FOLDER, EpisodeLog, read_episode_log
 from lerobot_spacedock.errors import FileFormatError, InputError, SpaceDockError, reading
 from lerobot_spacedock.metrics.catalog import NAMES
 from lerobot_spacedock.metrics.crossing import range_rate
@@ -23,9 +24,9 @@ from lerobot_spacedock.physics.frames import OBSERVATION_INDICES, POSITION, VELO
 COLUMN_NAMES = (*NAMES, *IDSS_CONDITIONS, *ATV_CONDITIONS)
 RANGE_GRID_M = np.concatenate([[0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4], np.linspace(0.5, 30.0, 60)])
 TRACES_KEPT = 100  # of each set, for the figures that draw episodes one by one
-SURPLUS_FOLDER = "surplus"  # where an evaluation puts the episodes that only filled its last vector batch
 SURPLUS = "surplus episode of the last vector batch, beyond the number that was asked for"
 BATCH = 64
+_NOT_IN_NAMES = re.compile(r"[^\w.+-]+", re.ASCII)
 POOL_FROM = 600  # files; below, starting workers costs more than they save
 
 
@@ -137,9 +138,12 @@ def measured(path: Path) -> tuple[EpisodeLog, dict[str, float | bool | None]]:
 
 
 def initial_conditions(log: EpisodeLog) -> str:
-    """The name of the set that an episode's start was drawn from; ``unspecified`` where the log does not say."""
+    """The name of the set that an episode's start was drawn from; ``unspecified`` where the log does not say.
+
+    It becomes part of file names and anchors: what cannot stand there is an underscore.
+    """
     stated = log.metadata.get("initial_conditions")
-    return stated if isinstance(stated, str) and stated else "unspecified"
+    return _NOT_IN_NAMES.sub("_", stated)[:60] if isinstance(stated, str) and stated else "unspecified"
 
 
 def closing_profile(log: EpisodeLog) -> np.ndarray:

@@ -9,10 +9,11 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from lerobot_spacedock.episode_log import POLICY_FILE
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.metrics.collect import collect
 from lerobot_spacedock.report.model import Run, Study
-from lerobot_spacedock.report.runs import POLICY_FILE, log_files, parse_runs
+from lerobot_spacedock.report.runs import log_files, parse_runs
 from lerobot_spacedock.report.samples import read_samples
 
 

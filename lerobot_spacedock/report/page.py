@@ -70,7 +70,7 @@ def _figure(study: Study, figure: Figure, panels: list[str]) -> str:
     width = f"max-width:{figure.panel_in[0] * PIXELS_PER_INCH:.0f}px"  # few panels are not blown up
     body = "".join(f'<div class=panel style="{width}">{svg}</div>' for svg in panels)
     return (
-        f'<figure class=plot id="{figure.key}"><figcaption>{html.escape(figure.title)}</figcaption>'
+        f'<figure class=plot id="{html.escape(figure.key)}"><figcaption>{html.escape(figure.title)}</figcaption>'
         f"<div class=panels>{body}</div><p class=note>{html.escape(figure.caption)}</p></figure>"
     )
 

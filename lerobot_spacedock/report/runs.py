@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from lerobot_spacedock.episode_log import SURPLUS_FOLDER
 from lerobot_spacedock.errors import InputError
-from lerobot_spacedock.metrics.collect import SURPLUS_FOLDER
 
 PATTERN = "episode_*.parquet"
-POLICY_FILE = "policy.json"  # what flew, beside the logs of an evaluation under LeRobot
 
 
 @dataclass(frozen=True)

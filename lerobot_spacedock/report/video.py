@@ -19,12 +19,20 @@ from lerobot_spacedock.report.interpolate import dense
 SUFFIXES = (".mp4", ".gif")
 HOLD_LAST_s = 2.0  # the last view stays on for this long
 GIF_COLOURS = 128
+MOST_PICTURES = 100_000  # an hour at 24 a second
 
 
 def film_times(log: EpisodeLog, fps: float, speed: float) -> np.ndarray:
-    """s, (N,): the instants of a film ``speed`` times as fast as the flight; the last state included."""
-    count = max(2, int(np.ceil((log.time[-1] - log.time[0]) / speed * fps)) + 1)
-    return np.linspace(log.time[0], log.time[-1], count)
+    """s, (N,): the instants of a film ``speed`` times as fast as the flight; the last state included.
+
+    Raises:
+        InputError: it would have more than ``MOST_PICTURES``.
+    """
+    length_s = float(log.time[-1] - log.time[0]) / speed
+    if not length_s * fps < MOST_PICTURES:
+        allowed = f"a film of fewer than {MOST_PICTURES:,} pictures"
+        raise InputError("--speed, --fps", f"{speed:g}, {fps:g}: a film of {length_s:.3g} s", allowed)
+    return np.linspace(log.time[0], log.time[-1], max(2, int(np.ceil(length_s * fps)) + 1))
 
 
 def film(log: EpisodeLog, artist, time: np.ndarray, caption: str) -> Iterator[np.ndarray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from lerobot_spacedock.camera.config import CameraConfig
+from lerobot_spacedock.camera.config import BACKENDS, CameraConfig, one_of
 from lerobot_spacedock.episode_log import EpisodeLog, read_episode_log
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import FileFormatError, InputError, reading
 from lerobot_spacedock.metrics.episode import hill_coupled, port_of
 from lerobot_spacedock.physics.frames import state_from_dataset_units
 from lerobot_spacedock.report.dataset_reader import DatasetEpisode
@@ -89,10 +90,25 @@ def _film_size(camera: Mapping[str, Any]) -> dict[str, int]:
     return {"height": round(rows * scale), "width": 2 * round(columns * scale / 2)}
 
 
+@contextmanager
+def _as_stated(place: Path) -> Iterator[None]:
+    """Around what a log says of its camera, its Sun and its station, which may be anything: errors name the file."""
+    try:
+        with reading(place, "an episode to look at"):
+            yield
+    except InputError as error:
+        raise FileFormatError(f"{place}: {error}") from error
+
+
 class LazyArtist:
     """Draws states as the log's environment would have; the renderer is made when the first picture is asked for."""
 
     def __init__(self, cfg: ViewConfig, metadata: Mapping[str, Any]) -> None:
+        self._place, self._artist = cfg.dataset or cfg.log, None
+        with _as_stated(self._place):
+            self._read(cfg, metadata)
+
+    def _read(self, cfg: ViewConfig, metadata: Mapping[str, Any]) -> None:
         config = metadata.get("config")
         config = config if isinstance(config, Mapping) else {}
         stated = config.get("camera")
@@ -104,15 +120,19 @@ class LazyArtist:
         self.vfov_deg = float(camera.get("vfov_deg", CameraConfig.vfov_deg))
         self._options = {"camera": camera, "renderer": cfg.renderer, "sun": config.get("sun") or "fixed"}
         self._options |= {key: config.get(key) for key in ("station_mesh", "station_pose")}
-        self._artist = None
 
     def draw(self, log: EpisodeLog, first: int, last: int) -> Iterator[np.ndarray]:
         """uint8 (H, W, 3) of the states ``first`` to ``last`` − 1."""
-        if self._artist is None:
-            from lerobot_spacedock.dataset.frames import Artist
+        with _as_stated(self._place):
+            if self._artist is None:
+                from lerobot_spacedock.dataset.frames import Artist
 
-            self._artist = Artist(**self._options)
-        yield from self._artist.draw(log, first, last)
+                self._artist = Artist(**self._options)
+            pictures = self._artist.draw(log, first, last)
+        for _ in range(first, last):
+            with _as_stated(self._place):
+                picture = next(pictures)
+            yield picture
 
     def close(self) -> None:
         if self._artist is not None:
@@ -154,6 +174,9 @@ def _check(cfg: ViewConfig) -> None:
         )
     if cfg.log is not None and not cfg.log.is_file():
         raise InputError("--log", str(cfg.log), "an episode log that exists (episode_*.parquet)")
+    one_of("--renderer", cfg.renderer, BACKENDS)
+    stated = {"detail": cfg.detail, "height": cfg.height, "width": cfg.width}
+    CameraConfig(**{name: value for name, value in stated.items() if value is not None})
     for flag, path, endings in (
         ("--video", cfg.video, SUFFIXES),
         ("--save", cfg.save, (".rrd",)),

@@ -237,6 +237,24 @@ def test_a_run_of_one_episode_makes_a_whole_report(odd_runs, tmp_path):
     assert "NaN" not in (tmp_path / "report.json").read_text()
 
 
+def test_a_log_puts_no_script_into_the_page_and_no_file_elsewhere(tmp_path):
+    hostile = '"><img src=x onerror=alert(1)>/../../../escaped'
+    write_run(tmp_path / "logs", range(2), initial_conditions=hostile, label=hostile, outcome=hostile, env_id=hostile)
+    (tmp_path / "logs" / f"episode_{hostile[:20]}.parquet").write_bytes(b"PAR1")
+    out = tmp_path / "in" / "out"
+    assert report(ReportConfig(runs=[f"A={tmp_path / 'logs'}"], out=out, resamples=100)) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in", "logs"]
+    assert [path.name for path in (tmp_path / "in").iterdir()] == ["out"]
+    found = []
+
+    class Attributes(HTMLParser):
+        def handle_starttag(self, tag, attributes):
+            found.extend((tag, name) for name, _ in attributes if name.startswith("on") or tag in ("img", "script"))
+
+    Attributes().feed((out / "index.html").read_text())
+    assert found == []
+
+
 def test_starts_that_do_not_match_get_no_paired_test(tmp_path):
     write_run(tmp_path / "a", range(0, 6))
     write_run(tmp_path / "b", range(3, 9), jitter=1.0)

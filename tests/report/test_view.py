@@ -183,3 +183,26 @@ def test_a_film_runs_as_many_times_faster_as_it_says():
     times = film_times(log, fps=24.0, speed=4.0)
     assert (len(times) - 1) / 24.0 * 4.0 == pytest.approx(log.time[-1], abs=4.0 / 24.0)
     assert (times[0], times[-1]) == (0.0, log.time[-1])
+
+
+def test_a_film_too_long_to_hold_is_refused_before_it_is_drawn():
+    log = fly(1)
+    log.time[-1] = 1e12
+    with pytest.raises(InputError, match="fewer than 100,000 pictures"):
+        film_times(log, fps=24.0, speed=4.0)
+
+
+@pytest.mark.parametrize("camera", [{"aperture": 3}, {"height": "tall"}, {"vfov_deg": []}, {"sensor": {"blur_px": -1}}])
+@pytest.mark.parametrize("as_film", [True, False])
+def test_a_camera_that_a_log_states_and_that_is_none_is_named_with_the_log(tmp_path, camera, as_film):
+    path = write_episode_log(tmp_path / "odd.parquet", fly(1, steps=3, config={"camera": camera}))
+    wanted = {"video": tmp_path / "a.mp4"} if as_film else {"render": tmp_path / "a.png"}
+    with pytest.raises(FileFormatError, match=r"odd\.parquet"):
+        view(ViewConfig(log=path, **wanted))
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_options_that_the_user_gave_are_named_as_such(log_file, tmp_path):
+    for option in ({"detail": "fine"}, {"renderer": "vulkan"}, {"height": 0}):
+        with pytest.raises(InputError, match=f"{next(iter(option))}: got"):
+            view(ViewConfig(log=log_file, render=tmp_path / "a.png", **option))
