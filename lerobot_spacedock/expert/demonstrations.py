@@ -9,11 +9,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.errors import FileFormatError, InputError, check_size, reading
 from lerobot_spacedock.expert.checkpoint import read_json
 from lerobot_spacedock.physics.frames import ACTION_DIM, MASS, OBSERVATION_INDICES, STATE_DIM
 
 _COLUMNS = ["observation.state", "action", "episode_index", "frame_index"]
+_ROW_BYTES = 1000  # a row's two vectors as NumPy objects, in arrays, and in order
 
 
 def find_dataset(name: str) -> Path:
@@ -48,12 +49,20 @@ def load_demonstrations(folder: Path) -> list[tuple[np.ndarray, np.ndarray]]:
     files = sorted((folder / "data").rglob("*.parquet"))
     if not files:
         raise FileFormatError(f"{folder / 'data'}: no Parquet file")
-    try:
-        table = pa.concat_tables([pq.read_table(file, columns=_COLUMNS) for file in files])
-    except (OSError, pa.ArrowException) as error:
-        raise FileFormatError(f"{folder / 'data'}: cannot read {', '.join(_COLUMNS)} ({error})") from error
+    with reading(folder / "data", f"demonstrations ({', '.join(_COLUMNS)})"):
+        return _episodes(folder, files)
+
+
+def _episodes(folder: Path, files: list[Path]) -> list[tuple[np.ndarray, np.ndarray]]:
+    for file in files:
+        check_size(file, "rows", pq.read_metadata(file).num_rows * _ROW_BYTES)
+    table = pa.concat_tables([pq.read_table(file, columns=_COLUMNS, partitioning=None) for file in files])
+    if not table.num_rows:
+        raise FileFormatError(f"{folder / 'data'}: no rows")
     state = np.stack(table["observation.state"].to_numpy())
     action = np.stack(table["action"].to_numpy())
+    if state.ndim != 2 or action.ndim != 2:
+        raise FileFormatError(f"{folder}: observation.state or action of one number a row; vectors are needed")
     if state.shape[1] == STATE_DIM:
         state = np.delete(state, MASS, axis=1)
     if state.shape[1] != len(OBSERVATION_INDICES) or action.shape[1] != ACTION_DIM:

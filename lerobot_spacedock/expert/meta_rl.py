@@ -82,11 +82,3 @@ class MetaRlPolicy:
 
     def _tensor(self, value: object) -> Tensor:
         return torch.as_tensor(np.asarray(value), dtype=torch.float32, device=self.device)
-
-
-def load_meta_rl(
-    checkpoint: str | Path | None = None, *, port: Port = ZVEZDA_AFT, hill_coupling: bool = False
-) -> MetaRlPolicy:
-    """The learnt policy with the arguments of the classical ones; it finds out the attitude model by itself."""
-    del hill_coupling
-    return MetaRlPolicy.load(checkpoint, port=port)

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 from pathlib import Path
@@ -13,11 +14,10 @@ from typing import Any
 
 import torch
 from rsl_rl.algorithms import PPO
-from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor
 
-from lerobot_spacedock.errors import FileFormatError
+from lerobot_spacedock.errors import FileFormatError, reading
 from lerobot_spacedock.expert.checkpoint import read_json, save_actor, write_json
 from lerobot_spacedock.expert.network import ActorNetwork, NetworkConfig
 from lerobot_spacedock.expert.train_config import TrainExpertConfig
@@ -90,24 +90,38 @@ def load_checkpoint(folder: Path, algorithm: PPO, resolved: dict[str, Any]) -> d
     state = read_json(path / "training.json")
     if state.get("version") != STATE_VERSION:
         raise FileFormatError(f"{path}: training state of version {state.get('version')}, this is {STATE_VERSION}")
-    _refuse_other_config(path, state["config"], resolved)
-    try:
-        tensors = load_file(path / "training.safetensors")
-    except (OSError, SafetensorError) as error:
-        raise FileFormatError(f"{path / 'training.safetensors'}: cannot be read ({error})") from error
-    try:
+    with reading(path / "training.json", "the state of a training"):
+        _refuse_other_config(path, state["config"], resolved)
+        _check_progress(path, state["progress"] | {"learning_rate": state["learning_rate"]})
+    tensors = _read_tensors(path)
+    with reading(path / "training.safetensors", "a training of this configuration"):
         for name, model in (("actor", algorithm.actor), ("critic", algorithm.critic)):
             model.load_state_dict(_part(tensors, name))
         _load_optimizer(algorithm.optimizer, _part(tensors, "optimizer"))
         torch.set_rng_state(tensors["random.cpu"])
         if "random.cuda" in tensors and torch.cuda.is_available():
             torch.cuda.set_rng_state(tensors["random.cuda"], algorithm.device)
-    except (RuntimeError, KeyError) as error:
-        raise FileFormatError(f"{path / 'training.safetensors'}: does not fit the configuration: {error}") from error
     algorithm.learning_rate = state["learning_rate"]
     for group in algorithm.optimizer.param_groups:
         group["lr"] = state["learning_rate"]
     return state["progress"]
+
+
+def _read_tensors(path: Path) -> dict[str, Tensor]:
+    """``training.safetensors`` of a checkpoint folder."""
+    file = path / "training.safetensors"
+    if not file.is_file():
+        raise FileFormatError(f"{file}: missing; it belongs to the checkpoint")
+    with reading(file, "a safetensors file"):
+        return load_file(file)
+
+
+def _check_progress(path: Path, progress: dict[str, Any]) -> None:
+    """Raises FileFormatError unless all but the learning curve are counts, times, prices."""
+    for name, value in progress.items():
+        number = isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value < math.inf
+        if not (isinstance(value, list) if name == "curve" else number):
+            raise FileFormatError(f"{path / 'training.json'}: {name} is {value!r:.80}")
 
 
 def load_networks(path: Path, algorithm: PPO) -> None:
@@ -116,14 +130,10 @@ def load_networks(path: Path, algorithm: PPO) -> None:
     Raises:
         FileFormatError: files that cannot be read or do not fit.
     """
-    try:
-        tensors = load_file(path / "training.safetensors")
+    tensors = _read_tensors(path)
+    with reading(path / "training.safetensors", "networks of the configured shape"):
         for name, model in (("actor", algorithm.actor), ("critic", algorithm.critic)):
             model.load_state_dict(_part(tensors, name))
-    except (OSError, SafetensorError) as error:
-        raise FileFormatError(f"{path / 'training.safetensors'}: cannot be read ({error})") from error
-    except RuntimeError as error:
-        raise FileFormatError(f"{path / 'training.safetensors'}: other networks than configured: {error}") from error
 
 
 def _refuse_other_config(path: Path, saved: dict[str, Any], wanted: dict[str, Any]) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.errors import InputError, reading
 from lerobot_spacedock.physics.contact import IDSS
 from lerobot_spacedock.report.figures.style import INK, LIMIT, Figure, Panel, run_style, write_paper_files
 from lerobot_spacedock.report.paper import ACCURACY, SMOOTHNESS
@@ -77,11 +77,24 @@ def read_trials(paths: Sequence[Path]) -> list[dict[str, Any]]:
     for path in paths:
         if not path.is_file():
             raise InputError("--results", str(path), "an existing file")
-        try:
-            trials += json.loads(path.read_text(encoding="utf-8"))["trials"]
-        except (ValueError, KeyError, TypeError) as error:
-            raise FileFormatError(f"{path}: not a result of spacedock sweep ({error!r}).") from error
+        with reading(path, "a result of spacedock sweep"):
+            found = json.loads(path.read_text(encoding="utf-8"))["trials"]
+            for task in {row["task"] for trial in found for row in trial["rows"]}:
+                _check_curves(frontier(found, task))
+        trials += found
     return trials
+
+
+def _check_curves(curves: dict) -> None:
+    """Raises ValueError where a curve's names or numbers are none: those that are drawn stand on logarithmic axes."""
+    for (kind, chunk), rows in curves.items():
+        if not (isinstance(kind, str) and isinstance(chunk, int)):
+            raise ValueError(f"demonstrations {kind!r}, chunk {chunk!r}")
+        for coefficient, numbers in rows.items():
+            if not isinstance(coefficient, float | int | None):
+                raise ValueError(f"coefficient {coefficient!r}")
+            if not all((values >= 0.0).all() and np.isfinite(values).all() for values in numbers):
+                raise ValueError(f"smoothness and distance {numbers!r}")
 
 
 def frontier(

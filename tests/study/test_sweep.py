@@ -185,6 +185,10 @@ def test_a_file_that_is_no_result_is_named(tmp_path):
     path.write_text(json.dumps([1, 2]))
     with pytest.raises(FileFormatError, match=r"other\.json"):
         read_trials([path])
+    row = {"task": "t", "coefficient": 0.01, "smoothness": {"mean": float("nan")}, "distance_m": {"mean": 0.1}}
+    path.write_text(json.dumps({"trials": [{"point": {"demonstrations": "clean", "chunk_size": 5}, "rows": [row]}]}))
+    with pytest.raises(FileFormatError, match=r"other\.json.*smoothness"):
+        read_trials([path])
     with pytest.raises(InputError, match=r"missing\.json"):
         read_trials([tmp_path / "missing.json"])
 
