@@ -33,8 +33,8 @@ from lerobot_spacedock.physics.frames import (
 
 CAMERA_NAME = "camera"
 TASK_DESCRIPTION = "dock with the International Space Station"
-# LeRobot marks the first reset of each rollout with it
 _REWARD_NAMES = tuple(f"reward_{name}" for name in STEP_TERMS)
+# LeRobot marks the first reset of each rollout with it
 _IGNORED_OPTIONS = {"lerobot_new_rollout"}
 
 
