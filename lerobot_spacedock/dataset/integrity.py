@@ -13,7 +13,7 @@ from lerobot_spacedock.dataset.findings import Report, component_names
 from lerobot_spacedock.dataset.pictures_check import check_pictures
 from lerobot_spacedock.dataset.reader import INDEX_COLUMNS, DatasetReader, Episode
 from lerobot_spacedock.dataset.totals_check import Totals, check_statistics, check_totals
-from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.errors import InputError, SpaceDockError, reading
 from lerobot_spacedock.physics.frames import OBSERVATION_NAMES
 
 
@@ -33,31 +33,35 @@ def check_dataset(
     """
     report = Report()
     try:
-        reader = DatasetReader(root)
-    except FileFormatError as error:
+        with reading(
+            root, "a dataset"
+        ):  # what no check below has thought of
+            _check(root, report, sample_frames, redraw, progress)
+    except (SpaceDockError, FileNotFoundError) as error:
         report.errors.append(str(error))
-        return report
+    return report
+
+
+def _check(
+    root: Path, report: Report, sample_frames: int, redraw: bool, progress: Callable[[int], object] | None
+) -> None:
+    reader = DatasetReader(root)
     if not _check_features(reader, report):
-        return report
+        return
     sampled = _sample(reader.lengths, sample_frames)
     watched: dict[int, Episode] = {}
     seen: dict[str, int] = {}
     totals = Totals()
-    try:
-        for position, episode in enumerate(reader.iterate()):
-            check_episode(reader, episode, position, report, seen)
-            totals.add(episode)
-            if episode.index in sampled:
-                watched[episode.index] = episode
-            if progress is not None:
-                progress(1)
-    except FileFormatError as error:
-        report.errors.append(str(error))
-        return report
+    for position, episode in enumerate(reader.iterate()):
+        check_episode(reader, episode, position, report, seen)
+        totals.add(episode)
+        if episode.index in sampled:
+            watched[episode.index] = episode
+        if progress is not None:
+            progress(1)
     check_totals(reader, totals, report)
     check_statistics(reader, totals, report)
     check_pictures(reader, watched, sampled, redraw, report)
-    return report
 
 
 def _check_features(reader: DatasetReader, report: Report) -> bool:

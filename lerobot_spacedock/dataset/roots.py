@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.errors import FileFormatError, InputError, reading
 
 _REPO_ID = re.compile(r"[\w.-]+/[\w.-]+")
 
@@ -59,8 +59,10 @@ def dataset_file(root: Path, template: str, **words: object) -> Path:
     Raises:
         FileFormatError: it is not in the dataset's folder.
     """
-    path = root / template.format(**words)
-    if not is_inside(root, path):
+    with reading(root / "meta" / "info.json", "a dataset's description"):
+        path = root / template.format(**words)
+        inside = is_inside(root, path)
+    if not inside:
         raise FileFormatError(f"{root / 'meta' / 'info.json'}: {template!r} leads out of the dataset, to {path}.")
     return path
 

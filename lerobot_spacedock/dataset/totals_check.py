@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.findings import Report, component, more
 from lerobot_spacedock.dataset.reader import DatasetReader, Episode
+from lerobot_spacedock.errors import reading
 
 STATISTICS_TOLERANCE = 1e-4
 NO_SPREAD = 1e-7  # of a channel's size: below it, normalised values are rounding errors
@@ -76,7 +78,11 @@ def check_statistics(reader: DatasetReader, totals: Totals, report: Report) -> N
     if not path.exists():
         report.errors.append("meta/stats.json: missing.")
         return
-    stats = json.loads(path.read_text())
+    with reading(path, "statistics"):
+        _compare(reader, totals, json.loads(path.read_text()), report)
+
+
+def _compare(reader: DatasetReader, totals: Totals, stats: dict[str, Any], report: Report) -> None:
     for name in totals.first:
         if name == "timestamp" or name not in stats:
             continue
