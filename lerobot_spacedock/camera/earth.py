@@ -40,11 +40,11 @@ def _noise(u, v, seed):
 
 @jit(nogil=True)
 def _layers(u, v, octaves, seed):
-    """Octaves of noise, each half as large and twice as fine."""
+    """Octaves of noise, each half as large and twice as fine; their number and seed are floats, as Numba compiles for each literal int."""
     total = np.float32(0.0)
     weight = np.float32(0.5)
-    for k in range(octaves):
-        total += weight * _noise(u, v, seed + k)
+    for k in range(int(octaves)):
+        total += weight * _noise(u, v, int(seed) + k)
         # turned a little each time, so that the lattices do not line up
         u, v = 1.6 * u - 1.2 * v + 3.7, 1.2 * u + 1.6 * v + 9.1
         weight *= np.float32(0.5)
@@ -63,29 +63,29 @@ def _paint_earth(size, out):
     for i in range(size):
         for j in range(size):
             u, v = 16.0 * j / size, 16.0 * i / size
-            wx, wy = _layers(0.7 * u + 5.0, 0.7 * v, 4, 11), _layers(0.7 * u, 0.7 * v + 7.0, 4, 23)
-            land = _step(f(0.50), f(0.53), _layers(0.45 * u + 1.5 * wx + 40.0, 0.45 * v + 1.5 * wy + 40.0, 9, 31))
-            dry = _layers(0.9 * u + 70.0, 0.9 * v + 20.0, 7, 47)
+            wx, wy = _layers(0.7 * u + 5.0, 0.7 * v, 4.0, 11.0), _layers(0.7 * u, 0.7 * v + 7.0, 4.0, 23.0)
+            land = _step(f(0.50), f(0.53), _layers(0.45 * u + 1.5 * wx + 40.0, 0.45 * v + 1.5 * wy + 40.0, 9.0, 31.0))
+            dry = _layers(0.9 * u + 70.0, 0.9 * v + 20.0, 7.0, 47.0)
             green = _step(f(0.35), f(0.6), dry)
-            rough = f(0.7) + f(0.6) * _layers(9.0 * u, 9.0 * v, 4, 59)
+            rough = f(0.7) + f(0.6) * _layers(9.0 * u, 9.0 * v, 4.0, 59.0)
             lr = (f(0.26) - f(0.19) * green) * rough
             lg = (f(0.20) - f(0.08) * green) * rough
             lb = (f(0.13) - f(0.09) * green) * rough
-            deep = f(0.8) + f(0.4) * _layers(2.0 * u + 30.0, 2.0 * v, 4, 61)
+            deep = f(0.8) + f(0.4) * _layers(2.0 * u + 30.0, 2.0 * v, 4.0, 61.0)
             red = f(0.012) * deep + land * (lr - f(0.012))
             grn = f(0.035) * deep + land * (lg - f(0.035))
             blu = f(0.095) * deep + land * (lb - f(0.095))
             # weather systems: warped streaks, broken into cells at small scale
             cx, cy = (
-                _layers(0.35 * u + 3.0 * wx, 0.8 * v + 3.0 * wy, 9, 71),
-                _layers(6.0 * u + 4.0 * wx, 6.0 * v, 6, 83),
+                _layers(0.35 * u + 3.0 * wx, 0.8 * v + 3.0 * wy, 9.0, 71.0),
+                _layers(6.0 * u + 4.0 * wx, 6.0 * v, 6.0, 83.0),
             )
             thick = _step(f(0.47), f(0.66), cx * f(0.72) + cy * f(0.28))
-            puffs = _step(f(0.56), f(0.68), _layers(14.0 * u + 2.0 * wy, 14.0 * v + 2.0 * wx, 5, 97)) * _step(
+            puffs = _step(f(0.56), f(0.68), _layers(14.0 * u + 2.0 * wy, 14.0 * v + 2.0 * wx, 5.0, 97.0)) * _step(
                 f(0.35), f(0.5), cx
             )
             cloud = max(thick, f(0.75) * puffs)
-            white = f(0.62) + f(0.25) * _layers(4.0 * u, 4.0 * v, 5, 101)
+            white = f(0.62) + f(0.25) * _layers(4.0 * u, 4.0 * v, 5.0, 101.0)
             red += cloud * (white - red)
             grn += cloud * (white - grn)
             blu += cloud * (f(1.02) * white - blu)

@@ -35,7 +35,7 @@ def draw_frame(corners, faces, surface, clusters, spheres, cones, table, materia
         row1 = min(row0 + rows, height)
         values = 3 * (row1 - row0) * width
         colour[:values] = np.float32(0.0)
-        fragments = bare = 0
+        fragments = bare = np.int64(0)  # a literal 0 would have ``collect`` compiled twice
         for row in range(row0, row1):
             fragments, more = collect(cells, row, width, samples, SAMPLE_X_4, (row - row0) * width, fragments,
                                       frag_surface, frag_pixel, frag_x, frag_y, frag_weight, sky)  # fmt: skip
@@ -55,7 +55,8 @@ def draw_frame(corners, faces, surface, clusters, spheres, cones, table, materia
             paint_stars(found, n_stars, row0, row1, width, sky, star_gain, colour)
         first = 3 * row0 * width
         if linear.shape[0] > 0:
-            linear[first : first + values] = colour[:values]
+            for k in range(values):
+                linear[first + k] = colour[k]
         else:
             encode(colour, values, out, first)
 

@@ -141,7 +141,7 @@ def paint_sky(row0, row1, width, sky, rot, view, light, earth, colour):
     r00, r01, r02 = f32(rot[0, 0]), f32(rot[0, 1]), f32(rot[0, 2])
     s, taps = np.empty(8 * CHUNK, np.float32), np.empty(4 * CHUNK, np.int32)
     pixel, kind = np.empty(CHUNK + 1, np.int32), np.empty(width, np.int32)
-    found = 0
+    found = np.int64(0)  # a literal 0 would have ``_ground`` compiled twice
     for i in range(row1 - row0):
         dy = (f32(row0 + i + 0.5) - f32(view[3])) * inv_fy
         bx = f32(rot[1, 0]) * dy + f32(rot[2, 0])
@@ -167,7 +167,7 @@ def paint_sky(row0, row1, width, sky, rot, view, light, earth, colour):
             found += kind[j] & 1
             if found == CHUNK:
                 _ground(found, pixel, row0, width, sky, rot, view, light, earth, s, taps, colour)
-                found = 0
+                found = np.int64(0)
         if glows == 0:
             continue
         for j in range(width):
