@@ -40,7 +40,7 @@ def _noise(u, v, seed):
 
 @jit(nogil=True)
 def _layers(u, v, octaves, seed):
-    """Octaves of noise, each half as large and twice as fine; their number and seed are floats, as Numba compiles for each literal int."""
+    """Octaves of noise, each half as large and twice as fine (both floats: literal ints are each compiled for)."""
     total = np.float32(0.0)
     weight = np.float32(0.5)
     for k in range(int(octaves)):
