@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from lerobot_spacedock import __version__
+from lerobot_spacedock.cli_help import print_help
 from lerobot_spacedock.errors import InputError, SpaceDockError
 
 USAGE_ERROR = 2  # the exit status of argparse and of every shell tool for a command that cannot be understood
@@ -48,7 +49,7 @@ VERBS = {
     "report": Verb("report.build", "ReportConfig", "report", "tables and figures from episode logs"),
     "sweep": Verb("study.sweep", "SweepConfig", "sweep", "vary demonstrations and the settings of ACT, resumable"),
     "sweep-figure": Verb("study.figure", "FigureConfig", "sweep_figure", "accuracy against smoothness of a sweep"),
-    "view": Verb("report.view", "ViewConfig", "view", "look at episodes in the Rerun viewer"),
+    "view": Verb("report.view", "ViewConfig", "view", "look at an episode: in Rerun, as a film, as a picture"),
     "completion": Verb("completion", "CompletionConfig", "completion", "print a script for tab completion"),
 }
 
@@ -96,10 +97,7 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
 
     parser = ArgumentParser(config_class, prog=prog)
     if "-h" in arguments or "--help" in arguments:
-        groups = parser.parser._action_groups  # these still hold actions that others of the same flag have replaced
-        for action in {*parser.parser._actions, *(action for group in groups for action in group._group_actions)}:
-            _tidy_help(action, config_class)
-        parser.parser.print_help()
+        print_help(parser.parser, config_class, prog)
         raise SystemExit(0)
     known = sorted({flag for action in parser.parser._actions for flag in action.option_strings} - {"-h", "--help"})
     complaint = io.StringIO()
@@ -133,23 +131,6 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
         flag = unknown[0].split("=", 1)[0]
         raise InputError(prog, unknown[0], " ".join(known), _suggestion(flag, known))
     return config
-
-
-def _tidy_help(action: argparse.Action, config_class: type) -> None:
-    """What draccus says of an option, as a reader needs it; argparse formats it: "99 %" would be taken for a format."""
-    text = action.help or ""
-    required = {f.name for f in dataclasses.fields(config_class) if _is_required(f)}
-    if text.startswith("Config file for "):  # said twice of each group, which can be read from a file of its own
-        action.help = argparse.SUPPRESS
-    elif action.dest in required:
-        action.help = f"{text.replace('%', '%%')} (required)"
-        action.default = argparse.SUPPRESS  # else the formatter adds a default of None
-    else:
-        action.help = re.sub(r"%(?!\()", "%%", text)
-
-
-def _is_required(option: dataclasses.Field) -> bool:
-    return option.default is dataclasses.MISSING and option.default_factory is dataclasses.MISSING
 
 
 def _joined(arguments: Sequence[str], list_flags: set[str]) -> list[str]:

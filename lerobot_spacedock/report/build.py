@@ -19,7 +19,7 @@ from lerobot_spacedock.report.samples import read_samples
 
 @dataclass
 class ReportConfig:
-    """Options of ``spacedock report``."""
+    """Tables, figures and one page from episode logs, whoever wrote them."""
 
     # Runs to compare: label=folder of episode logs; label=folder,folder for several training seeds of one run
     runs: list[str] = field(default_factory=list)

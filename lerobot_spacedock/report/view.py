@@ -25,7 +25,7 @@ from lerobot_spacedock.report.video import SUFFIXES, film, film_times, write_fil
 
 @dataclass
 class ViewConfig:
-    """Options of ``spacedock view``. Without --save, --video or --render a Rerun window opens."""
+    """Look at an episode. Without --save, --video or --render a Rerun window opens."""
 
     # An episode log (episode_*.parquet)
     log: Path | None = None
