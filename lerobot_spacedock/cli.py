@@ -16,7 +16,7 @@ import json
 import re
 import sys
 import typing
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from lerobot_spacedock import __version__
@@ -24,6 +24,9 @@ from lerobot_spacedock.cli_help import print_help
 from lerobot_spacedock.errors import InputError, SpaceDockError
 
 USAGE_ERROR = 2  # the exit status of argparse and of every shell tool for a command that cannot be understood
+
+
+MOST_LISTED = 20  # options in an error message
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,15 +106,18 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
-            config, unknown = parser.parse_known_args(_joined(arguments, _list_flags(config_class)))
+            config, unknown = parser.parse_known_args(_joined(arguments, config_class, known))
     except SystemExit as error:  # argparse's own way out: a value missing, or not among the choices
         message = complaint.getvalue().strip().rpartition("error: ")[2]
-        raise InputError(prog, " ".join(arguments), " ".join(known), f"{message}.") from error
-    except FileNotFoundError as error:
+        raise InputError(prog, " ".join(arguments), _options(known, prog), f"{message}.") from error
+    except OSError as error:
         raise InputError("--config_path", error.filename, "an existing YAML or JSON file") from error
     except (DraccusException, argparse.ArgumentError) as error:
         if isinstance(error.__cause__, InputError):  # a config's own check, which names the field and the remedy
             raise error.__cause__ from None
+        if str(error).startswith("Failed to load config"):
+            said = f"{_config_path(arguments)}: {error.__cause__ or error}"
+            raise InputError("--config_path", said, "a YAML or JSON file") from error
         if missing := re.search(r"Missing required field\(s\) (.+) for", str(error)):
             needed = " and ".join(f"--{name}" for name in re.findall(r"`(.+?)`", missing[1]))
             raise InputError(prog, f"no {needed}", f"{needed}=…", f"{prog} --help lists all options.") from error
@@ -122,21 +128,34 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
             kind = re.search(r"into an? (\w+)", said)
             allowed = f"a value of type {kind[1]}" if kind else "a value of the type that --help names"
             raise InputError(prog, given, allowed, f"{prog} --help lists all options.") from error
-        raise InputError(prog, str(error), " ".join(known)) from error
+        raise InputError(prog, str(error), _options(known, prog)) from error
     except InputError:
         raise
     except (AttributeError, KeyError, TypeError, ValueError) as error:  # draccus trips over a file of another shape
-        raise InputError("--config_path", f"{type(error).__name__}: {error}", "a YAML mapping of options") from error
+        raise InputError("--config_path", _config_path(arguments), "a YAML mapping of options") from error
     if unknown:
         flag = unknown[0].split("=", 1)[0]
-        raise InputError(prog, unknown[0], " ".join(known), _suggestion(flag, known))
+        raise InputError(prog, unknown[0], _options(known, prog), _suggestion(flag, known))
     return config
 
 
-def _joined(arguments: Sequence[str], list_flags: set[str]) -> list[str]:
-    """One ``--flag=value`` a flag: a bare one is true; values of a list, given at once or one by one, are joined."""
+def _config_path(arguments: Sequence[str]) -> str:
+    """As given, in either form."""
+    at = next((i for i, argument in enumerate(arguments) if argument.partition("=")[0] == "--config_path"), None)
+    if at is None:
+        return "none"
+    _, equals, value = arguments[at].partition("=")
+    return value if equals or at + 1 == len(arguments) else arguments[at + 1]
+
+
+def _joined(arguments: Sequence[str], config_class: type, known: Sequence[str]) -> list[str]:
+    """One ``--flag=value`` a flag: a bare switch is true; values of a list, given at once or one by one, are joined.
+
+    Raises:
+        InputError: a word that belongs to no flag, or a flag that needs a value and has none.
+    """
+    kinds = dict(_flag_kinds(config_class))
     given: dict[str, list[str]] = {}
-    stray: list[str] = []
     flag = None
     for argument in arguments:
         if argument.startswith("--"):
@@ -145,28 +164,34 @@ def _joined(arguments: Sequence[str], list_flags: set[str]) -> list[str]:
             if equals:
                 given[flag].append(value)
         elif flag is None:
-            stray.append(argument)
+            meant = f"--{argument}"
+            hint = f"Did you mean {meant}?" if meant.partition("=")[0] in known else ""
+            raise InputError("option", argument, "options, which begin with --", hint)
         else:
             given[flag].append(argument)
-    out = list(stray)
+    out = []
     for flag, values in given.items():
-        if flag in list_flags and not (len(values) == 1 and values[0].startswith("[")):
+        kind = kinds.get(flag, set())
+        if not values and flag in known and bool not in kind:
+            raise InputError(flag, "nothing", f"a value: {flag}=…")
+        if kind & {list, tuple} and not (len(values) == 1 and values[0].startswith("[")):
             out.append(f"{flag}={json.dumps(values)}")
         else:
             out += [f"{flag}={value}" for value in values or ["true"]]
     return out
 
 
-def _list_flags(config_class: type, prefix: str = "--") -> set[str]:
-    """Flags of list and tuple fields, nested ones included."""
-    flags = set()
+def _flag_kinds(config_class: type, prefix: str = "--") -> Iterator[tuple[str, set[Any]]]:
+    """Each flag, nested ones included, with the types that its value may be of."""
     for name, hint in typing.get_type_hints(config_class).items():
-        kinds = {typing.get_origin(part) or part for part in (hint, *typing.get_args(hint))}
-        if kinds & {list, tuple}:
-            flags.add(prefix + name)
-        elif dataclasses.is_dataclass(hint):
-            flags |= _list_flags(hint, f"{prefix}{name}.")
-    return flags
+        yield prefix + name, {typing.get_origin(part) or part for part in (hint, *typing.get_args(hint))}
+        if dataclasses.is_dataclass(hint):
+            yield from _flag_kinds(hint, f"{prefix}{name}.")
+
+
+def _options(known: Sequence[str], prog: str) -> str:
+    """All of them where a reader can take them in."""
+    return " ".join(known) if len(known) <= MOST_LISTED else f"the options that {prog} --help lists"
 
 
 def _suggestion(given: str, known: Sequence[str]) -> str:

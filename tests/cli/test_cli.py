@@ -74,6 +74,11 @@ def test_flags_override_the_config_file(tmp_path):
         (("--repo_id=a", "--num_episodes=many"), ("num_episodes", "many")),
         (("--num_episodes=3",), ("repo_id",)),
         (("--config_path=nowhere.yaml",), ("--config_path", "nowhere.yaml")),
+        (("--config_path", "."), ("--config_path: got .;", "YAML")),
+        (("--repo_id=a", "--camera.height"), ("--camera.height: got nothing", "--camera.height=…")),
+        (("--repo_id",), ("--repo_id: got nothing",)),
+        (("--repo_id=a", "--runs"), ("--runs: got nothing",)),
+        (("repo_id=a",), ("got repo_id=a;", "Did you mean --repo_id=a?")),
     ],
 )
 def test_bad_flags_name_the_flag_and_the_remedy(arguments, fragments):
@@ -115,6 +120,15 @@ def test_an_unknown_key_in_the_config_file_is_named(tmp_path):
     path.write_text("repo_id: a/b\nepisodes: 7\n")
     with pytest.raises(InputError, match="episodes"):
         parse(f"--config_path={path}")
+
+
+@pytest.mark.parametrize("content", ["just words", '{"a": [', "- a list", "\x00"])
+def test_a_file_that_holds_no_options_is_named(tmp_path, content):
+    path = tmp_path / "demos.yaml"
+    path.write_text(content)
+    with pytest.raises(InputError, match=r"--config_path: got .*demos\.yaml.*YAML") as caught:
+        parse("--config_path", str(path))
+    assert "object" not in str(caught.value)
 
 
 def test_an_unknown_verb_lists_the_verbs(capsys):
