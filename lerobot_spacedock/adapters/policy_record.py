@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_spacedock.adapters.command_line import command_option
+from lerobot_spacedock.invocation import command_line
 
 UNTRAINED = ("spacedock_mpc", "spacedock_zem", "spacedock_feedback")
 LEARNT = "spacedock_meta_rl"
@@ -25,7 +26,7 @@ def policy_record() -> dict[str, Any] | None:
     kind = command_option("policy.type") or (_json(folder / "config.json").get("type") if folder else None)
     if path is None and kind is None:
         return None
-    record: dict[str, Any] = {"policy": path or kind, "type": kind}
+    record: dict[str, Any] = {"policy": path or kind, "type": kind, "command": command_line()}
     if kind in UNTRAINED:
         return record | {"training": {"episodes": 0, "interactions": 0}}
     if kind == LEARNT:

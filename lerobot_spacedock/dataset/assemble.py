@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import shutil
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from lerobot_spacedock.dataset.card import write_card
 from lerobot_spacedock.dataset.encoder import quiet_encoders
 from lerobot_spacedock.dataset.job import Job, Plan
 from lerobot_spacedock.dataset.provenance import write_dataset_facts, write_episode_rows
-from lerobot_spacedock.dataset.record import free_space
+from lerobot_spacedock.dataset.record import datasets_cache, free_space, prepare_libraries
 from lerobot_spacedock.dataset.shards import SUMMARY_FILE, read_summary
 from lerobot_spacedock.dataset.statistics import repair_statistics
 from lerobot_spacedock.errors import FileFormatError, SpaceDockError
@@ -73,16 +74,18 @@ def assemble(job: Job) -> Total:
 def _count(job: Job, num_shards: int) -> tuple[Total, list[Path]]:
     """The sizes of all shards together, and the folders of those that hold something."""
     episodes, frames, left_out, shards = 0, 0, [], []
-    sizes: dict[str, int] = {}
+    sizes: Counter[str] = Counter()
+    assumed: Counter[str] = Counter()
     for index in range(num_shards):
         summary = read_summary(job, index)
         episodes, frames = episodes + len(summary.rows), frames + summary.frames
         left_out += summary.left_out
-        for size, count in summary.resized.items():
-            sizes[size] = sizes.get(size, 0) + count
+        sizes.update(summary.resized)
+        assumed.update(summary.assumed)
         if summary.rows:
             shards.append(job.shard(index))
     notes = [f"pictures of {count} episodes were scaled: {size}" for size, count in sorted(sizes.items())]
+    notes += [f"{what} ({count} episodes)" for what, count in sorted(assumed.items())]
     return Total(episodes, frames, left_out, notes), shards
 
 
@@ -109,18 +112,18 @@ def _merge(shards: list[Path], plan: Plan, complete: Path, *, concatenate: bool)
     if len(shards) == 1:
         shutil.copytree(shards[0], complete, ignore=shutil.ignore_patterns(SUMMARY_FILE))
         return
-    from datasets.utils import disable_progress_bars
     from lerobot.datasets.aggregate import aggregate_datasets
 
     quiet_encoders()
-    disable_progress_bars()
+    prepare_libraries()
     repo_id = plan.layout.repo_id
     quiet = logging.getLogger("lerobot.datasets.aggregate")
     before = quiet.level
     quiet.setLevel(logging.WARNING)
     try:
-        aggregate_datasets(
-            [repo_id] * len(shards), repo_id, roots=shards, aggr_root=complete, concatenate_data=concatenate
-        )
+        with datasets_cache(complete.with_name(f"{complete.name}_cache")):
+            aggregate_datasets(
+                [repo_id] * len(shards), repo_id, roots=shards, aggr_root=complete, concatenate_data=concatenate
+            )
     finally:
         quiet.setLevel(before)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_spacedock.dataset import schema
+from lerobot_spacedock.dataset.env_flags import env_flags
 from lerobot_spacedock.dataset.findings import component_names
 from lerobot_spacedock.dataset.pictures_check import FrameStore
 from lerobot_spacedock.dataset.reader import DatasetReader
@@ -110,29 +111,44 @@ def _making(reader: DatasetReader) -> str:
     lines += [f"- made by: {facts.get('made_by')}"]
     if facts.get("source"):
         lines.append(f"- source: {facts['source']['description']}")
+    if facts.get("source_command"):
+        lines.append(f"- which was made by: `{facts['source_command']}`")
     if facts.get("expert"):
-        checkpoint = facts["expert"].get("checkpoint") or "the one that ships"
-        lines.append(f"- expert: {facts['expert']['name']} (checkpoint, where it has one: {checkpoint})")
+        lines.append(f"- expert: {_expert(facts['expert'])}")
     env = facts.get("env")
     if env:
         starts = facts.get("initial_conditions") or [env["initial_conditions"]]
         lines.append(f"- environment: {env['env_id']}, port {env['port']}, starts {', '.join(starts)}")
         lines.append(f"- Sun: {env['sun']}")
-    lines.append(f"- disturbance of the executed command: {_disturbance(facts.get('disturbance'))}")
+    if facts.get("expert"):
+        lines.append(f"- disturbance of the executed command: {_disturbance(facts.get('disturbance'))}")
     chosen = facts.get("selection")
     if chosen and "flown" in chosen:
         seeds = chosen["seeds"]
         lines.append(f"- selection: {chosen['kept']} of {chosen['flown']} flown: {chosen['rule_text']}")
         lines.append(f"- seeds: {min(seeds)} to {max(seeds)} (each episode's in `meta/spacedock_episodes.parquet`)")
     elif chosen:
-        lines.append(f"- selection: {chosen['kept']} of {chosen['of']}, by {chosen['rule']}")
+        lines.append(f"- selection: {chosen['kept']} of {chosen['of']}: {chosen.get('rule_text', chosen['rule'])}")
     if facts.get("segment", "all") != "all":
-        lines.append(f"- segment: {facts['segment']}, repeated {facts.get('repeat_terminal', 0)} times")
+        repeats = facts.get("repeat_terminal", 0)
+        more = f"; each whole episode is there once, and this part of it {repeats} times more" if repeats else ""
+        lines.append(f"- segment: {facts['segment']}{more}")
+    if facts.get("times"):
+        lines.append(f"- times: {facts['times']}")
     if facts.get("left_out"):
         lines.append(f"- left out, because they could not be read: {len(facts['left_out'])}")
     lines += [f"- {note}" for note in facts.get("notes", [])]
     lines.append(f"- versions: {', '.join(f'{name} {number}' for name, number in facts['versions'].items())}")
     return "\n".join(lines)
+
+
+def _expert(expert: dict[str, Any]) -> str:
+    name, checkpoint = expert["name"], expert.get("checkpoint")
+    if not name.startswith("meta_rl"):
+        return name
+    trained = expert.get("training") or {}
+    counts = f", trained in {trained['episodes']:,} episodes" if trained.get("episodes") else ""
+    return f"{name}, checkpoint {checkpoint or 'the one that ships'}{counts}"
 
 
 def _disturbance(given: dict[str, Any] | None) -> str:
@@ -192,11 +208,13 @@ def _columns(reader: DatasetReader) -> str:
         names = ", ".join(component_names(feature) or [])
         units = ", ".join(dict.fromkeys(about.get("units", [])))
         lines.append(f"| `{name}` | {feature['dtype']} {shape} | {names} | {units} | {about.get('meaning', '')} |")
+    timed = schema.CONTROL_DT in reader.features
+    times = "the real times are in `control_dt` and `sim_time`" if timed else "real times are not in it"
     lines.append("")
     lines.append(
-        "`fps` is 1 and `timestamp` counts frames, because LeRobot stores frames at a fixed rate; the real times are "
-        "in `control_dt` and `sim_time`. Hill frame: x radial outward, y along-track, z orbit normal, origin at the "
-        "docking port. Quaternions are scalar first and turn body vectors into Hill vectors."
+        f"`fps` is {reader.info['fps']} and `timestamp` counts frames, because LeRobot stores frames at a fixed rate; "
+        f"{times}. Hill frame: x radial outward, y along-track, z orbit normal, origin at the docking port. "
+        "Quaternions are scalar first and turn body vectors into Hill vectors."
     )
     return "\n".join(lines)
 
@@ -215,17 +233,14 @@ def _statistics(reader: DatasetReader, stats: dict[str, Any]) -> str:
 
 
 def _use(reader: DatasetReader, repo_id: str) -> str:
-    env = reader.facts.get("env") or {}
-    task = env.get("env_id", "SpaceDock-v0")
-    camera = ""
-    if reader.cameras:
-        height, width = reader.features[reader.cameras[0]]["shape"][:2]
-        camera = f" --env.camera.height={height} --env.camera.width={width}"
-    return (
-        "```\npip install lerobot_env_spacedock\n"
-        f"lerobot-train --dataset.repo_id={repo_id} --dataset.video_backend=pyav --policy.type=act "
-        f"--policy.push_to_hub=false --env.type=spacedock --env.task={task}{camera}\n```"
-    )
+    flags = env_flags(reader.features, (reader.facts.get("env") or {}).get("env_id"))
+    train = [
+        f"lerobot-train --dataset.repo_id={repo_id} --dataset.video_backend=pyav",
+        "--policy.type=act --policy.push_to_hub=false --output_dir=outputs/act",
+    ]
+    evaluate = ["lerobot-eval --policy.path=outputs/act/checkpoints/last/pretrained_model", *flags]
+    commands = "\n".join(" \\\n    ".join(lines) for lines in (train, evaluate))
+    return f"With LeRobot and its plugin `lerobot_env_spacedock` installed:\n\n```bash\n{commands}\n```"
 
 
 def _limits(reader: DatasetReader, stats: dict[str, Any]) -> str:

@@ -14,16 +14,16 @@ from lerobot_spacedock.dataset.encoder import check_encoder
 from lerobot_spacedock.dataset.episode import succeeded
 from lerobot_spacedock.dataset.frames import drawing_options
 from lerobot_spacedock.dataset.job import Job, Plan, shard_count
-from lerobot_spacedock.dataset.provenance import command_line
 from lerobot_spacedock.dataset.record import DatasetLayout, Storage
 from lerobot_spacedock.dataset.roots import check_repo_id, dataset_root
 from lerobot_spacedock.dataset.scale import ExecutorConfig, run_executor
 from lerobot_spacedock.dataset.segments import Segment
-from lerobot_spacedock.dataset.selection import best, check_rule, score
+from lerobot_spacedock.dataset.selection import RULES, best, check_rule, score
 from lerobot_spacedock.dataset.sources import FORMATS, EpisodeRef, list_episodes, load
 from lerobot_spacedock.dataset.workers import available_cores
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.invocation import command_line
 
 
 @dataclass
@@ -34,7 +34,7 @@ class ConvertConfig:
     source: str
     # user/name of the dataset
     repo_id: str
-    # logs | raw | hdf5 | npz | minari | v21
+    # logs | raw | hdf5 | npz | minari | lerobot | v21
     format: str = "logs"
     # folder of the dataset; by default LeRobot's own place for this repo_id. Must not exist
     root: str | None = None
@@ -64,7 +64,7 @@ class ConvertConfig:
     storage: Storage = field(default_factory=Storage)
     # what the dataset says the task is
     task: str = "dock with the International Space Station"
-    # s, length of a step where the source has no times (hdf5, npz, minari)
+    # s, length of a step where the source has no times (hdf5, npz, minari, lerobot)
     step_s: float = 0.907
     # processes (or tasks at a time) that draw and encode; 0 takes one a core
     num_workers: int = 0
@@ -142,7 +142,7 @@ def _layout(config: ConvertConfig, camera: CameraConfig) -> DatasetLayout:
 
 
 def _plan(config: ConvertConfig) -> tuple[Plan, list[EpisodeRef]]:
-    options = {"step_s": config.step_s} if config.format in ("hdf5", "npz", "minari") else {}
+    options = {"step_s": config.step_s} if config.format in ("hdf5", "npz", "minari", "lerobot") else {}
     source = config.source if config.format == "minari" else Path(config.source).resolve()
     found = list_episodes(config.format, source, **options)
     refs, selection = _select(config, found)
@@ -156,11 +156,12 @@ def _plan(config: ConvertConfig) -> tuple[Plan, list[EpisodeRef]]:
         segment=config.segment,
         repeat_terminal=config.repeat_terminal,
         skip_bad=config.skip_bad,
-        facts={
+        facts=_inherited(config)
+        | {
             "made_by": "spacedock convert",
             "command": command_line(),
             "source": {"format": config.format, "description": FORMATS[config.format], "episodes": len(found)},
-            "env": None if env is None else asdict(env),
+            **({} if env is None else {"env": asdict(env)}),
             "selection": selection,
             "segment": config.segment,
             "repeat_terminal": config.repeat_terminal,
@@ -172,12 +173,20 @@ def _plan(config: ConvertConfig) -> tuple[Plan, list[EpisodeRef]]:
     return plan, refs
 
 
+def _inherited(config: ConvertConfig) -> dict[str, Any]:
+    if config.format != "lerobot":
+        return {}
+    from lerobot_spacedock.dataset.sources.lerobot import inherited_facts
+
+    return inherited_facts(Path(config.source))
+
+
 def _select(config: ConvertConfig, found: list[EpisodeRef]) -> tuple[list[EpisodeRef], dict[str, Any]]:
     keep = config.num_episodes or len(found)
     if keep > len(found):
         raise InputError("--num_episodes", keep, f"at most {len(found)}, which is all that {config.source} holds")
     if config.select == "first" and not config.successes_first:
-        return found[:keep], {"kept": keep, "of": len(found), "rule": "first"}
+        return found[:keep], {"kept": keep, "of": len(found), "rule": "first", "rule_text": _rule_text(config)}
     refs, scores, successes = [], [], []
     for ref in tqdm(found, unit="episode", desc="Reading"):
         try:
@@ -190,12 +199,20 @@ def _select(config: ConvertConfig, found: list[EpisodeRef]) -> tuple[list[Episod
         scores.append(score(log, config.select))
         successes.append(succeeded(log))
     kept = best(scores, successes, keep, successes_first=config.successes_first)
-    return [refs[i] for i in kept], {"kept": len(kept), "of": len(found), "rule": config.select}
+    chosen = {"kept": len(kept), "of": len(found), "rule": config.select, "rule_text": _rule_text(config)}
+    return [refs[i] for i in kept], chosen
+
+
+def _rule_text(config: ConvertConfig) -> str:
+    if not config.num_episodes:
+        return "all of them"
+    text = RULES[config.select][1]
+    return f"successes first, then {text}" if config.successes_first else text
 
 
 def _common_env(config: ConvertConfig, refs: list[EpisodeRef]) -> SpaceDockConfig | None:
-    """The environment of the first episode log, with the camera that was asked for; None for other sources."""
-    if config.format != "logs" or not refs:
+    """The environment of the first episode, with the camera that was asked for; None where the source has none."""
+    if config.format not in ("logs", "lerobot") or not refs:
         return None
     try:
         recorded = load(refs[0]).log.metadata.get("config")

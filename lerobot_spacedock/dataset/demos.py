@@ -22,7 +22,6 @@ from lerobot_spacedock.dataset.encoder import check_encoder
 from lerobot_spacedock.dataset.flight import fly
 from lerobot_spacedock.dataset.frames import drawing_options
 from lerobot_spacedock.dataset.job import Job, Plan, shard_count, write_json
-from lerobot_spacedock.dataset.provenance import command_line
 from lerobot_spacedock.dataset.record import DatasetLayout, Storage
 from lerobot_spacedock.dataset.roots import check_repo_id, dataset_root
 from lerobot_spacedock.dataset.scale import ExecutorConfig, run_executor
@@ -37,6 +36,7 @@ from lerobot_spacedock.episode_log import log_path, read_episode_log, write_epis
 from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.expert.controllers import EXPERTS, make_expert
 from lerobot_spacedock.folders import check_writable
+from lerobot_spacedock.invocation import command_line
 
 FLIGHT_BLOCK = 256
 

@@ -12,6 +12,7 @@ import numpy as np
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.metrics.episode import episode_metrics
 from lerobot_spacedock.physics.frames import ACTION_NAMES, OBSERVATION_NAMES, STATE_NAMES, observed_indices
 
 LABEL_COLUMNS = tuple(f"label_{name}" for name in ACTION_NAMES)
@@ -62,7 +63,8 @@ def observed_of(log: EpisodeLog, *, with_mass: bool = False, withhold_pose: bool
 
 
 def succeeded(log: EpisodeLog) -> bool:
-    return bool(log.metadata.get("success", False))
+    """Whether it docked: as the log states it, else by the IDSS box."""
+    return bool(episode_metrics(log)["success"] if log.metadata.get("success") is None else log.metadata["success"])
 
 
 def rows_of(log: EpisodeLog, *, with_mass: bool = False, withhold_pose: bool = False) -> dict[str, np.ndarray]:

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from lerobot_spacedock.dataset.card import CITATION
-from lerobot_spacedock.episode_log import EpisodeLog, iterate_episode_logs
+from lerobot_spacedock.dataset.env_flags import cameras_of, env_flags
 from lerobot_spacedock.errors import FileFormatError, InputError
-from lerobot_spacedock.physics.frames import POSITION
+from lerobot_spacedock.metrics.collect import measured
+from lerobot_spacedock.metrics.statistics import clopper_pearson
 
 _SHOWN_POLICY = ("chunk_size", "n_action_steps", "temporal_ensemble_coeff", "dim_model", "dropout", "vision_backbone")
 _SHOWN_TRAINING = ("steps", "batch_size", "seed")
@@ -35,6 +36,7 @@ def write_model_card(
     policy = _read(folder / "config.json")
     training = _read(folder / "train_config.json") if (folder / "train_config.json").exists() else {}
     data = (training.get("dataset") or {}).get("repo_id")
+    inputs = policy.get("input_features") or {}
     header: dict[str, Any] = {
         "license": license_id,
         "library_name": "lerobot",
@@ -43,44 +45,80 @@ def write_model_card(
     }
     if data:
         header["datasets"] = [data]
+    tasks, results = _results(log_dir)
+    task = tasks[0] if tasks else (training.get("env") or {}).get("task")
+    use = " \\\n    ".join([f"lerobot-eval --policy.path={repo_id}", *env_flags(inputs, task)])
     parts = [
         f"---\n{yaml.safe_dump(header, sort_keys=False).strip()}\n---",
         f"# {repo_id.partition('/')[2]}\n\nA `{policy.get('type')}` policy that docks a spacecraft with the "
-        "International Space Station from camera images and relative state.",
-        f"## Results\n\n{_results(log_dir)}",
+        f"International Space Station, in simulation. It sees {_seen(inputs)} and commands thrust and torque (N and "
+        "N·m, body axes).",
+        f"## Results\n\n{results}",
         f"## Training\n\n{_training(policy, training)}",
-        "## Use\n\n```\npip install lerobot_env_spacedock\n"
-        f"lerobot-eval --policy.path={repo_id} --env.type=spacedock\n```",
-        "## Known limitations\n\nTrained and measured in simulation only; see the dataset's card for what it has seen.",
-        f"## Citation\n\n```bibtex\n{CITATION}\n```",
+        f"## Use\n\nWith LeRobot and its plugin `lerobot_env_spacedock` installed:\n\n```bash\n{use}\n```",
+        "## Known limitations\n\nTrained and measured in simulation only; it has seen what its dataset shows, of which "
+        "that dataset's card says the limits.",
+        f"## Licence and citation\n\nLicence: {license_id}. The task is that of\n\n```bibtex\n{CITATION}\n```",
     ]
     path = folder / "README.md"
-    path.write_text("\n\n".join(parts) + "\n")
+    aside = folder / ".README.md.tmp"
+    aside.write_text("\n\n".join(parts) + "\n")
+    aside.rename(path)
     return path
 
 
-def _results(log_dir: str | None) -> str:
+def _seen(inputs: dict[str, Any]) -> str:
+    words = [
+        f"pictures of {' × '.join(str(size) for size in feature['shape'] if size != 3)} pixels"
+        if name in cameras_of(inputs)
+        else f"`{name}` ({feature['shape'][0]} values)"
+        for name, feature in inputs.items()
+    ]
+    return " and ".join(words) or "nothing that its `config.json` names"
+
+
+def _results(log_dir: str | None) -> tuple[list[str], str]:
+    """The tasks flown, most episodes first; and the table."""
     if log_dir is None:
-        return "Not measured: pushed without `--log_dir`."
-    rows: dict[tuple[str, str], list[EpisodeLog]] = {}
-    for _, log in iterate_episode_logs(log_dir):
+        return [], "Not measured: pushed without `--log_dir`."
+    rows: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for path in sorted(Path(log_dir).glob("episode_*.parquet")):
+        log, metrics = measured(path)
         key = (str(log.metadata.get("env_id")), str(log.metadata.get("initial_conditions")))
-        rows.setdefault(key, []).append(log)
+        stated = {name: log.metadata.get(name) for name in ("outcome", "seed")}
+        rows.setdefault(key, []).append(metrics | stated)
     if not rows:
         raise InputError("--log_dir", log_dir, "a folder of episode logs (episode_*.parquet)")
     lines = [
-        "| environment | starts | episodes | docked | distance at the end, mean (m) | worst (m) | outcomes |",
+        "| environment | starts | episodes | docked [95 %] | ‖r‖ at the end, mean / p95 (m) | ‖v‖, mean (m/s) "
+        "| outcomes |",
         "|---|---|---|---|---|---|---|",
     ]
-    for (env_id, starts), logs in sorted(rows.items()):
-        distance = [float(np.linalg.norm(log.state[-1, POSITION])) for log in logs]
-        docked = sum(bool(log.metadata.get("success")) for log in logs)
-        outcomes = ", ".join(f"{n} {k}" for k, n in Counter(log.metadata.get("outcome") for log in logs).most_common())
+    for (env_id, starts), episodes in sorted(rows.items()):
+        docked = sum(bool(episode["success"]) for episode in episodes)
+        sure = clopper_pearson(docked, len(episodes))
+        share = f"{docked} of {len(episodes)}, {sure.estimate:.1%} [{sure.low:.1%}, {sure.high:.1%}]"
+        distance, speed = (np.array([e[f"final_{name}"] for e in episodes]) for name in ("distance_m", "speed_m_s"))
+        outcomes = ", ".join(f"{n} {kind}" for kind, n in Counter(e["outcome"] for e in episodes).most_common())
         lines.append(
-            f"| {env_id} | {starts} | {len(logs)} | {docked} ({docked / len(logs):.0%}) | {np.mean(distance):.3f} | "
-            f"{np.max(distance):.3f} | {outcomes} |"
+            f"| {env_id} | {starts} | {len(episodes)} | {share} | {distance.mean():.3f} / "
+            f"{np.percentile(distance, 95):.3f} | {speed.mean():.3f} | {outcomes} |"
         )
-    return "\n".join(lines)
+    seeds = [episode["seed"] for episodes in rows.values() for episode in episodes if episode["seed"] is not None]
+    lines += ["", "Docked: inside the IDSS box. Every episode counts; intervals are Clopper and Pearson's."]
+    if seeds:
+        lines.append(f"Seeds {min(seeds)} to {max(seeds)}.")
+    command = _evaluation(Path(log_dir))
+    if command:
+        lines += [f"Measured by\n\n```bash\n{command}\n```"]
+    flown = Counter(task for (task, _), episodes in rows.items() for _ in episodes)
+    return [task for task, _ in flown.most_common()], "\n".join(lines)
+
+
+def _evaluation(log_dir: Path) -> str | None:
+    """The command that the evaluation has left beside its logs."""
+    path = log_dir / "policy.json"
+    return _read(path).get("command") if path.exists() else None
 
 
 def _training(policy: dict[str, Any], training: dict[str, Any]) -> str:
@@ -89,9 +127,9 @@ def _training(policy: dict[str, Any], training: dict[str, Any]) -> str:
     data = training.get("dataset") or {}
     if data.get("repo_id"):
         lines.append(f"- dataset: {data['repo_id']}")
-    shapes = {name: feature.get("shape") for name, feature in (policy.get("input_features") or {}).items()}
-    lines.append(f"- inputs: {', '.join(f'{name} {shape}' for name, shape in shapes.items())}")
-    return "\n".join(lines)
+    if training:
+        lines.append("- every option: `train_config.json`")
+    return "\n".join(lines) or "Not recorded: no `train_config.json`."
 
 
 def _read(path: Path) -> dict[str, Any]:

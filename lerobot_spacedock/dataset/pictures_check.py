@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from lerobot_spacedock.dataset.findings import Report
 from lerobot_spacedock.dataset.frames import Artist
 from lerobot_spacedock.dataset.reader import DatasetReader, Episode
 from lerobot_spacedock.dataset.roots import dataset_file
+from lerobot_spacedock.dataset.sources.pictures import decode_picture
 from lerobot_spacedock.errors import FileFormatError
 
 # below the first the picture is of something else; the others are what the storage costs, with room to spare
@@ -92,17 +92,14 @@ class FrameStore:
         return picture.transpose(1, 2, 0)
 
     def _stored_picture(self, about: dict[str, Any], step: int) -> np.ndarray:
-        from PIL import Image
-
         path = self.path(about)
         wanted = about["dataset_from_index"] + step
         try:
             table = pq.read_table(path, columns=["index", self.camera], filters=[("index", "==", wanted)])
-            content = table.column(self.camera)[0].as_py()
-            with Image.open(io.BytesIO(content["bytes"])) as picture:
-                return np.asarray(picture.convert("RGB"))
+            content = table.column(self.camera)[0].as_py()["bytes"]
         except Exception as error:
             raise FileFormatError(f"{path}: the picture of row {wanted} cannot be read ({error}).") from error
+        return decode_picture(content, f"{path}, row {wanted}")
 
 
 def compare(store: FrameStore, artist: Artist, episode: Episode, steps: list[int]) -> list[Comparison]:

@@ -41,11 +41,6 @@ def versions() -> dict[str, str]:
     return found
 
 
-def command_line() -> str:
-    """The command being run, as its user would type it: the program by its name, not by its path."""
-    return " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
-
-
 def episode_row(log: EpisodeLog, *, source: str, repeat: int = 0) -> dict[str, Any]:
     """What ``EPISODES_FILE`` keeps of one episode.
 
@@ -107,6 +102,12 @@ class EpisodeRows:
             for batch in file.iter_batches(batch_size=ROWS_AT_ONCE):
                 yield from batch.to_pylist()
 
+    def row(self, index: int) -> dict[str, Any] | None:
+        """One episode's, found by its index; None where there is none."""
+        with self._reading():
+            found = pq.read_table(self.path, filters=[("episode_index", "==", index)], partitioning=None)
+            return found.to_pylist()[0] if found.num_rows else None
+
     def column(self, name: str) -> np.ndarray:
         """One value an episode."""
         with self._reading():
@@ -124,12 +125,6 @@ def episode_rows(root: Path) -> EpisodeRows | None:
     """What ``EPISODES_FILE`` says, or None where the dataset has none."""
     path = root / EPISODES_FILE
     return EpisodeRows(path) if path.exists() else None
-
-
-def read_episode_rows(root: Path) -> list[dict[str, Any]] | None:
-    """All rows at once, in the order of the episodes; None where the dataset has none."""
-    rows = episode_rows(root)
-    return None if rows is None else list(rows)
 
 
 def terminal_state(row: dict[str, Any]) -> np.ndarray:

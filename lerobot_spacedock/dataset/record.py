@@ -7,9 +7,10 @@ encoded length is compared with its rows.
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -85,12 +86,9 @@ class DatasetRecorder:
 
     def __init__(self, root: Path, layout: DatasetLayout, *, encoder_threads: int | None = None) -> None:
         quiet_encoders()
-        from datasets.utils import disable_progress_bars
-        from lerobot.datasets import dataset_writer
         from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-        disable_progress_bars()  # one an episode, for milliseconds
-        dataset_writer.embed_images = embed_at_once
+        prepare_libraries()
         gc.freeze()  # what the libraries have loaded stays; without this it is walked through again every few episodes
         if root.exists():
             raise InputError("--root", str(root), "a folder that does not exist", "Give another, or delete it.")
@@ -181,6 +179,31 @@ class DatasetRecorder:
         else:
             self.dataset.clear_episode_buffer()
             self.dataset.finalize()
+
+
+@contextlib.contextmanager
+def datasets_cache(folder: Path) -> Iterator[None]:
+    """Whatever the datasets library reads from Parquet it copies as well, into the user's home and for good.
+
+    Here into ``folder``, which is removed at the end.
+    """
+    from datasets import config
+
+    before, config.HF_DATASETS_CACHE = config.HF_DATASETS_CACHE, folder
+    try:
+        yield
+    finally:
+        config.HF_DATASETS_CACHE = before
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def prepare_libraries() -> None:
+    """What LeRobot and datasets do by default and would cost more than the work: for writing and for merging."""
+    from datasets.utils import disable_progress_bars
+    from lerobot.datasets import dataset_writer, io_utils
+
+    disable_progress_bars()  # one an episode, for milliseconds
+    dataset_writer.embed_images = io_utils.embed_images = embed_at_once
 
 
 def embed_at_once(dataset: Any) -> Any:

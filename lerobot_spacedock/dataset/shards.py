@@ -7,6 +7,7 @@ import os
 import platform
 import shutil
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -25,6 +26,7 @@ from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, InputError
 
 SUMMARY_FILE = "shard.json"
+ASSUMED = ("times", "mass", "rewards")  # keys of a log's metadata, each a sentence where the source has none
 
 
 @dataclass(frozen=True)
@@ -35,11 +37,13 @@ class ShardSummary:
         rows: of ``provenance.EPISODES_FILE``, one an episode written.
         left_out: (episode, reason) of each that could not be read.
         resized: how many episodes had stored pictures of another size, by "height × width → height × width".
+        assumed: how many episodes of the source came without something, by what stands in its place.
     """
 
     rows: list[dict]
     left_out: list[tuple[str, str]]
     resized: dict[str, int] = field(default_factory=dict)
+    assumed: dict[str, int] = field(default_factory=dict)
 
     @property
     def frames(self) -> int:
@@ -53,7 +57,7 @@ def finished(job: Job, index: int) -> bool:
 
 def read_summary(job: Job, index: int) -> ShardSummary:
     content = json.loads((job.shard(index) / SUMMARY_FILE).read_text())
-    return ShardSummary(content["rows"], [tuple(pair) for pair in content["left_out"]], content["resized"])
+    return ShardSummary(**content | {"left_out": [tuple(pair) for pair in content["left_out"]]})
 
 
 def write_shard(root: Path | str, index: int, *, encoder_threads: int | None = None) -> ShardSummary:
@@ -129,7 +133,8 @@ def _write(
     segment = Segment.parse(plan.segment)
     rows: list[dict] = []
     left_out: list[tuple[str, str]] = []
-    changed: dict[str, int] = {}
+    changed: Counter[str] = Counter()
+    assumed: Counter[str] = Counter()
     recorder: DatasetRecorder | None = None
     for ref in refs:
         try:
@@ -140,10 +145,10 @@ def _write(
                 sizes: set[tuple[int, int]] = set()
                 frames = _frames(plan, episode, first, part, artist, progress, sizes)
                 recorder.add_episode(part, frames)
-                for height, width in sizes:
-                    change = f"{height} × {width} → {plan.layout.height} × {plan.layout.width}"
-                    changed[change] = changed.get(change, 0) + 1
+                size = f"{plan.layout.height} × {plan.layout.width}"
+                changed.update(f"{height} × {width} → {size}" for height, width in sizes)
                 rows.append(episode_row(part, source=ref.label, repeat=number))
+            assumed.update(f"{name} {said}" for name in ASSUMED if (said := episode.log.metadata.get(name)))
         except (FileFormatError, InputError) as error:
             if not plan.skip_bad:
                 if recorder is not None:
@@ -155,7 +160,7 @@ def _write(
             left_out.append((ref.name, str(error)))
     if recorder is not None:
         recorder.close()
-    return ShardSummary(rows, left_out, changed)
+    return ShardSummary(rows, left_out, dict(changed), dict(assumed))
 
 
 def _frames(

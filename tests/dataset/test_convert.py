@@ -342,3 +342,38 @@ def test_arrays_without_mass_whose_commands_are_not_those_that_flew_fail_the_che
     )
     run(tmp_path / "in", tmp_path / "d", format="npz", images="none")
     assert any("does not follow from the command" in error for error in check_dataset(tmp_path / "d").errors)
+
+
+def test_what_was_assumed_is_said_on_screen_and_kept(flights, tmp_path, capsys):
+    (tmp_path / "in").mkdir()
+    for number, log in enumerate(flights[:2]):
+        held = {"state": np.delete(log.state, 6, axis=1), "action": log.action}
+        np.savez(tmp_path / "in" / f"episode_{number}.npz", **held)
+    run(tmp_path / "in", tmp_path / "d", format="npz", images="none")
+    shown = capsys.readouterr().out
+    expected = [
+        "mass not in the source: the nominal mass stands in its place (2 episodes)",
+        "rewards not in the source: 0 stands in their place (2 episodes)",
+        "times not in the source: 0.907 s a step (2 episodes)",
+    ]
+    assert [line.strip() for line in shown.splitlines() if "not in the source" in line] == expected
+    assert json.loads((tmp_path / "d" / "meta" / "spacedock.json").read_text())["notes"] == expected
+
+
+def test_where_the_source_does_not_say_whether_it_docked_the_states_do(flights, tmp_path):
+    logs = [short(flights[0], 9), *flights]
+    write_raw_export(tmp_path / "raw", logs, pictures=False)
+    docked = [number for number, log in enumerate(logs) if number and log.metadata["success"]]
+    assert 0 < len(docked) < len(flights), "a sample that shows nothing"
+    options = {"num_episodes": len(docked), "select": "propellant", "successes_first": True}
+    run(tmp_path / "raw", tmp_path / "d", format="raw", images="none", **options)
+    about = DatasetReader(tmp_path / "d").about
+    assert about.column("success").all()
+    assert about.column("source").tolist() == [f"raw#{number}" for number in docked], "the short one used least"
+
+
+def test_the_command_is_kept_as_a_shell_takes_it(log_folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["/opt/bin/spacedock", "convert", "--task=dock with the ISS", "--images=none"])
+    run(log_folder, tmp_path / "d", images="none")
+    kept = json.loads((tmp_path / "d" / "meta" / "spacedock.json").read_text())["command"]
+    assert kept == "spacedock convert '--task=dock with the ISS' --images=none"

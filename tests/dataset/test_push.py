@@ -166,7 +166,7 @@ def test_a_policy_goes_with_its_measured_results(hub, flights, log_folder, tmp_p
     push(PushConfig("test/act", kind="policy", root=str(folder), log_dir=str(log_folder)))
     files = hub.repositories[("model", "test/act")].files()
     docked = sum(log.metadata["success"] for log in flights)
-    assert f"| 5 | {docked} ({docked / 5:.0%}) |".encode() in files["README.md"]
+    assert f"| 5 | {docked} of 5, {docked / 5:.1%} [".encode() in files["README.md"]
     assert files["model.safetensors"] == b"weights"
 
 

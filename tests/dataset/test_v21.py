@@ -9,6 +9,7 @@ import pytest
 from dataset_samples import short
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
+from lerobot_spacedock.camera import CameraConfig
 from lerobot_spacedock.dataset.convert import ConvertConfig, convert
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.errors import InputError
@@ -97,3 +98,14 @@ def test_a_v3_dataset_is_not_taken_for_an_old_one(flights, tmp_path):
     (tmp_path / "old" / "meta" / "info.json").write_text(json.dumps(info | {"codebase_version": "v3.0"}))
     with pytest.raises(InputError, match=r"v2\.1"):
         convert(ConvertConfig(str(tmp_path / "old"), "test/new", format="v21", root=str(tmp_path / "new")))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"segment": "last:10m"}, {"select": "distance"}, {"camera": CameraConfig(height=96)}, {"images": "draw"}],
+)
+def test_options_that_lerobots_converter_would_not_hear_are_refused(flights, tmp_path, options):
+    write_v21(tmp_path / "old", [short(flights[0], 5)], real_times=False)
+    with pytest.raises(InputError, match=f"--{next(iter(options))}"):
+        convert(ConvertConfig(str(tmp_path / "old"), "test/new", format="v21", root=str(tmp_path / "new"), **options))
+    assert not (tmp_path / "new").exists()

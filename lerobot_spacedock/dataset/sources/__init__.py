@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from lerobot_spacedock.dataset.episode import succeeded
 from lerobot_spacedock.episode_log import EpisodeLog
-from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.errors import FileFormatError, InputError, reading
 
 FORMATS = {
     "logs": "episode logs: a folder of episode_*.parquet",
@@ -18,8 +19,13 @@ FORMATS = {
     "hdf5": "ACT-style episodes: a folder of episode_*.hdf5",
     "npz": "the same arrays as NumPy archives: a folder of episode_*.npz",
     "minari": "a Minari dataset: its folder, or its id among the local ones",
+    "lerobot": "a LeRobotDataset v3.0 of this task, to choose from, cut or scale",
     "v21": "a LeRobotDataset v2.1 of the authors' schema, through LeRobot's own converter",
 }
+
+# what a log's metadata say under "times", "mass" and "rewards" where the source has none
+NO_REWARDS = "not in the source: 0 stands in their place"
+NO_MASS = "not in the source: the nominal mass stands in its place"
 
 
 @dataclass(frozen=True)
@@ -73,6 +79,10 @@ class LoadedEpisode:
     frames: Callable[[int], Iterator[np.ndarray]] | None = None
 
 
+def no_times(step_s: float) -> str:
+    return f"not in the source: {step_s:g} s a step"
+
+
 def list_episodes(kind: str, path: Path | str, **options: str | float | int | bool | None) -> list[EpisodeRef]:
     """The episodes of a path, in order.
 
@@ -91,9 +101,17 @@ def list_episodes(kind: str, path: Path | str, **options: str | float | int | bo
 
 
 def load(ref: EpisodeRef) -> LoadedEpisode:
-    """Reads one episode; every problem is a FileFormatError that names the file and the place."""
+    """Reads one episode; every problem is a FileFormatError that names the file and the place.
+
+    Where the source does not say whether it docked, its states are judged by the IDSS box.
+    """
     try:
-        return _module(ref.format).load(ref)
+        episode = _module(ref.format).load(ref)
+        if episode.log.metadata.get("success") is not None:
+            return episode
+        with reading(ref.name, "an episode"):
+            judged = {"success": succeeded(episode.log), "success_by": "the IDSS box; the source does not say"}
+        return replace(episode, log=replace(episode.log, metadata=episode.log.metadata | judged))
     except FileNotFoundError as error:
         raise FileFormatError(f"{error.filename or ref.name}: missing.") from error
     except (OSError, UnicodeDecodeError) as error:

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_spacedock.dataset.sources import EpisodeRef, LoadedEpisode
+from lerobot_spacedock.dataset.sources import NO_MASS, NO_REWARDS, EpisodeRef, LoadedEpisode, no_times
+from lerobot_spacedock.dataset.sources.pictures import decode_picture
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, MissingDependencyError, check_size, reading
 from lerobot_spacedock.physics.constants import CHASER_MASS_kg
@@ -46,7 +47,7 @@ def load(ref: EpisodeRef) -> LoadedEpisode:
         dt=arrays.get("dt"),
         reward=arrays.get("reward"),
         step_s=float(ref.option("step_s") or 0.907),
-        metadata={"source": ref.format, "success": arrays.get("success", False)},
+        metadata={"source": ref.format, "success": arrays.get("success")},
     )
     if "images" not in arrays:
         return LoadedEpisode(log)
@@ -98,17 +99,19 @@ def log_of_arrays(
         full = np.empty((rows, STATE_DIM))
         full[:, OBSERVATION_INDICES] = state
         full[:, MASS] = CHASER_MASS_kg
-        state, metadata = full, metadata | {"mass": "not in the source: the nominal mass stands in its place"}
+        state, metadata = full, metadata | {"mass": NO_MASS}
     if time is not None:
         time = _vector(place, "time", time, rows)
         dt = np.diff(time)
     elif dt is not None:
         dt = _vector(place, "dt", dt, rows - 1)
     else:
-        dt, metadata = np.full(rows - 1, step_s), metadata | {"times": f"not in the source: {step_s} s a step"}
+        dt, metadata = np.full(rows - 1, step_s), metadata | {"times": no_times(step_s)}
     bad = np.flatnonzero(~(dt > 0.0))
     if bad.size:
         raise FileFormatError(f"{place}: row {bad[0]}: a step of {dt[bad[0]]} s; times have to increase.")
+    if reward is None:
+        metadata = metadata | {"rewards": NO_REWARDS}
     return EpisodeLog(
         time=np.concatenate([[0.0], np.cumsum(dt)]),
         state=state,
@@ -239,12 +242,7 @@ def _picture(place: str, row: np.ndarray) -> np.ndarray:
         return row
     if row.ndim != 1:
         raise FileFormatError(f"{place}: shape {row.shape}; (height, width, 3) or an encoded picture is needed.")
-    import cv2
-
-    decoded = cv2.imdecode(row, cv2.IMREAD_COLOR)
-    if decoded is None:
-        raise FileFormatError(f"{place}: not a readable JPEG or PNG.")
-    return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)
+    return decode_picture(row.tobytes(), place)
 
 
 def _matrix(place: str, name: str, values: np.ndarray) -> np.ndarray:

@@ -40,7 +40,7 @@ def load(ref: EpisodeRef) -> LoadedEpisode:
         step_s=float(ref.option("step_s") or 0.907),
         metadata={
             "source": "minari",
-            "success": bool(np.asarray(success)[-1]) if success is not None else False,
+            "success": None if success is None else bool(np.asarray(success)[-1]),
             "seed": _seed(episode),
         },
     )

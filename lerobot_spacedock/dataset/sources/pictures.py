@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -9,24 +10,42 @@ import numpy as np
 
 from lerobot_spacedock.errors import FileFormatError, reading
 
-LARGEST_PIXELS = 50_000_000
+KINDS = ("PNG", "JPEG")  # of what Pillow reads, some start programs of their own (EPS) and none other is a frame
+LARGEST_PIXELS = 4096 * 4096
 
 
 def read_picture(file: Path) -> np.ndarray:
     """One picture as uint8 (height, width, 3); an alpha channel is dropped, grey becomes RGB.
 
     Raises:
-        FileFormatError: missing, truncated, or not a picture.
+        FileFormatError: missing, truncated, too large, or not a PNG or JPEG.
     """
-    from PIL import Image
-
     try:
-        with reading(file, "a picture"), Image.open(file) as picture:
-            if picture.width * picture.height > LARGEST_PIXELS:
-                raise FileFormatError(f"{file}: {picture.width} x {picture.height} pixels; 50 million are the most.")
-            return np.asarray(picture.convert("RGB"))
+        return _decoded(file, file)
     except FileNotFoundError:
         raise FileFormatError(f"{file}: missing.") from None
+
+
+def decode_picture(content: bytes, place: str) -> np.ndarray:
+    """The same of a picture that is held in another file.
+
+    Args:
+        content: a PNG or JPEG file; zeros after its end do no harm.
+        place: for error messages.
+    """
+    return _decoded(io.BytesIO(content), place)
+
+
+def _decoded(source: Path | io.BytesIO, place: Path | str) -> np.ndarray:
+    from PIL import Image
+
+    with reading(place, "a picture"), Image.open(source, formats=KINDS) as picture:
+        # what the header claims, before there is room made for it
+        if picture.width * picture.height > LARGEST_PIXELS:
+            raise FileFormatError(
+                f"{place}: {picture.width} x {picture.height} pixels; {LARGEST_PIXELS:,} (4096 x 4096) are the most."
+            )
+        return np.asarray(picture if picture.mode == "RGB" else picture.convert("RGB"))
 
 
 def resized(frames: Iterable[np.ndarray], height: int, width: int, sizes: set[tuple[int, int]]) -> Iterator[np.ndarray]:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lerobot_spacedock.dataset.sources import EpisodeRef, LoadedEpisode
+from lerobot_spacedock.dataset.sources import NO_REWARDS, EpisodeRef, LoadedEpisode
 from lerobot_spacedock.dataset.sources.pictures import read_picture
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import FileFormatError
@@ -40,7 +40,7 @@ def load(ref: EpisodeRef) -> LoadedEpisode:
         action=table[:-1, 1 + len(STATE_NAMES) :],
         dt=np.diff(time),
         reward=np.zeros(len(table) - 1),
-        metadata={"source": "raw", "trajectory": j},
+        metadata={"source": "raw", "trajectory": j, "rewards": NO_REWARDS},
     )
     if not ref.option("pictures"):
         return LoadedEpisode(log)

@@ -20,15 +20,22 @@ import pyarrow.parquet as pq
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.card import write_card
 from lerobot_spacedock.dataset.job import Job, write_json
-from lerobot_spacedock.dataset.provenance import command_line, write_dataset_facts
+from lerobot_spacedock.dataset.provenance import write_dataset_facts
+from lerobot_spacedock.dataset.record import datasets_cache
 from lerobot_spacedock.dataset.statistics import repair_statistics
 from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.invocation import command_line
 
 if TYPE_CHECKING:
     from lerobot_spacedock.dataset.convert import ConvertConfig
 
 TIME_TOLERANCE_s = 1e-4
 MEAN_STEP_s = 0.907  # for the last step of an episode, whose length a list of times does not tell
+MOVED = "real times were in timestamp; they are in sim_time and control_dt now"
+NO_TIMES = "timestamp counted frames in the source: it has no real times, and none were made up"
+# options that shape what is written here, and not in LeRobot's converter
+UNUSED = ("num_episodes", "select", "successes_first", "skip_bad", "segment", "repeat_terminal", "with_mass")
+UNUSED += ("withhold_pose", "images", "camera", "renderer", "sun", "storage", "task", "step_s")
 
 
 def convert_v21(config: ConvertConfig, root: Path) -> int:
@@ -45,10 +52,7 @@ def convert_v21(config: ConvertConfig, root: Path) -> int:
     version = json.loads(info_path.read_text()).get("codebase_version")
     if version != "v2.1":
         raise InputError("--source", f"{source}, {version}", "a LeRobotDataset v2.1", "v3.0 needs no conversion.")
-    if config.num_episodes or config.segment != "all" or config.repeat_terminal:
-        raise InputError(
-            "--format", "v21 with --num_episodes, --segment or --repeat_terminal", "v21 converts all of it"
-        )
+    _refuse_unused(config)
     job = Job(root)
     with job.lock(), job.disk_errors():
         job.begin(config.settings())
@@ -64,24 +68,42 @@ def convert_v21(config: ConvertConfig, root: Path) -> int:
             "command": command_line(),
             "source": {"format": "v21", "description": "a LeRobotDataset v2.1, through LeRobot's converter"},
             "pictures": "stored",
-            "times": "moved from timestamp to sim_time" if moved else "timestamp was frame_index / fps",
+            "times": MOVED if moved else NO_TIMES,
         }
-        write_dataset_facts(work, facts, {})
+        write_dataset_facts(work, facts, _described(work))
         write_card(work, config.repo_id)
         job.finish(work)
     info = json.loads((root / "meta" / "info.json").read_text())
     print(f"Wrote {info['total_episodes']} episodes, {info['total_frames']} frames to {root}")
-    if moved:
-        print("  real times were in timestamp; they are in sim_time and control_dt now")
+    print(f"  {MOVED if moved else NO_TIMES}")
     print(f"Next: spacedock check --repo_id={config.repo_id} --root={root}")
     return 0
+
+
+def _refuse_unused(config: ConvertConfig) -> None:
+    plain = type(config)(config.source, config.repo_id)
+    given = [f"--{name}" for name in UNUSED if getattr(config, name) != getattr(plain, name)]
+    if given:
+        raise InputError("--format", f"v21 with {' '.join(given)}", "v21 alone: it converts all of it, as it is")
+
+
+def _described(root: Path) -> dict[str, schema.Column]:
+    """The schema's columns that the dataset at ``root`` has."""
+    features = json.loads((root / "meta" / "info.json").read_text())["features"]
+    try:
+        observed = schema.observed_names(*features[schema.STATE]["shape"])
+    except (KeyError, InputError, TypeError):  # none of this task's: the check says so
+        return {}
+    known = schema.columns(with_mass="mass" in observed, withhold_pose="x" not in observed)
+    return {name: column for name, column in known.items() if name in features}
 
 
 def _run_converter(repo_id: str, work: Path) -> None:
     from lerobot.scripts.convert_dataset_v21_to_v30 import convert_dataset
 
     try:
-        convert_dataset(repo_id, root=work, push_to_hub=False)
+        with datasets_cache(work.with_name(f"{work.name}_cache")):
+            convert_dataset(repo_id, root=work, push_to_hub=False)
     except Exception as error:  # it raises whatever its files make it raise
         raise FileFormatError(f"{work}: LeRobot's converter failed ({type(error).__name__}: {error}).") from error
     shutil.rmtree(work.with_name(f"{work.name}_old"), ignore_errors=True)

@@ -1,0 +1,114 @@
+"""What the cards say: valid for the hub, and commands that fit what they describe."""
+
+import json
+
+import numpy as np
+import pytest
+from dataset_samples import short, write_raw_export
+from huggingface_hub import DatasetCard, ModelCard
+
+from lerobot_spacedock.dataset.card import write_card
+from lerobot_spacedock.dataset.convert import ConvertConfig, convert
+from lerobot_spacedock.dataset.env_flags import env_flags
+from lerobot_spacedock.dataset.model_card import write_model_card
+from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.metrics.statistics import clopper_pearson
+
+
+def picture(*shape: int, name: str = "camera") -> dict:
+    return {f"observation.images.{name}": {"shape": list(shape)}}
+
+
+def state(size: int) -> dict:
+    return {"observation.state": {"shape": [size]}}
+
+
+@pytest.mark.parametrize(
+    ("features", "env_id", "expected", "absent"),
+    [
+        (
+            picture(96, 128, 3) | state(13),
+            "SpaceDockContact-v0",
+            ["height=96", "task=SpaceDockContact-v0"],
+            "with_mass",
+        ),
+        (picture(3, 96, 128) | state(14), None, ["width=128", "with_mass=true", "task=SpaceDock-v0"], "rename_map"),
+        (state(13), None, ["obs_type=agent_pos"], "camera.height"),
+        (picture(3, 96, 128), None, ["obs_type=pixels"], "with_mass"),
+        (picture(3, 96, 128) | state(6), "SpaceDockVision-v0", ["task=SpaceDockVision-v0"], "withhold_pose"),
+        (picture(3, 96, 128) | state(6), None, ["withhold_pose=true"], "with_mass"),
+        (
+            picture(3, 96, 128, name="front") | state(13),
+            None,
+            ["--rename_map='{", "observation.images.front"],
+            "pixels",
+        ),
+    ],
+)
+def test_the_environment_that_fits_is_said_in_flags(features, env_id, expected, absent):
+    flags = " ".join(env_flags(features, env_id))
+    assert all(text in flags for text in expected), flags
+    assert absent not in flags
+
+
+def docked_of(flights) -> list:
+    return [log for log in flights if log.metadata["success"]]
+
+
+@pytest.fixture
+def raw_dataset(flights, tmp_path):
+    write_raw_export(tmp_path / "raw", [short(flights[0], 6), docked_of(flights)[0]], pictures=False)
+    root = tmp_path / "authors"
+    given = {"root": str(root), "images": "none", "num_workers": 1, "with_mass": True}
+    convert(ConvertConfig(str(tmp_path / "raw"), "me/authors", format="raw", **given))
+    return root
+
+
+def test_a_datasets_card_is_valid_and_true(raw_dataset):
+    text = write_card(raw_dataset, "me/authors", tags=("iss",)).read_text()
+    header = DatasetCard(text).data
+    assert (header.license, header.task_categories, header.size_categories) == ("apache-2.0", ["robotics"], ["n<1K"])
+    assert "iss" in header.tags
+    assert "--env.with_mass=true" in text
+    assert "rewards not in the source: 0 stands in their place (2 episodes)" in text
+    assert "selection: 2 of 2: all of them" in text
+    assert "| docked inside the IDSS box | 1 of 2 |" in text, "a raw export does not say so; its states do"
+    assert "disturbance of the executed" not in text, "nobody disturbed what others flew"
+
+
+def test_a_models_card_is_valid_and_its_command_fits_the_policy(log_folder, flights, tmp_path):
+    folder = tmp_path / "pretrained_model"
+    folder.mkdir()
+    inputs = picture(3, 96, 128) | state(14)
+    config = {"type": "act", "chunk_size": 50, "temporal_ensemble_coeff": None, "input_features": inputs}
+    (folder / "config.json").write_text(json.dumps(config))
+    (folder / "train_config.json").write_text(json.dumps({"steps": 7, "dataset": {"repo_id": "me/docking"}}))
+    text = write_model_card(folder, "me/act", str(log_folder), license_id="mit").read_text()
+    header = ModelCard(text).data
+    assert (header.license, header.datasets, header.pipeline_tag) == ("mit", ["me/docking"], "robotics")
+    assert "--env.task=SpaceDockContact-v0" in text
+    assert "--env.camera.height=96 --env.camera.width=128" in text
+    assert "--env.with_mass=true" in text
+    miss = np.mean([np.linalg.norm(log.state[-1, :3]) for log in flights])
+    docked = len(docked_of(flights))
+    sure = clopper_pearson(docked, 5)
+    assert f"| 5 | {docked} of 5, {docked / 5:.1%} [{sure.low:.1%}, {sure.high:.1%}] | {miss:.3f} /" in text
+
+
+def test_a_models_card_shows_the_command_that_measured_it(log_folder, tmp_path):
+    (tmp_path / "config.json").write_text(json.dumps({"type": "act"}))
+    assert "Measured by" not in write_model_card(tmp_path, "a/b", str(log_folder), license_id="mit").read_text()
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    for path in log_folder.iterdir():
+        (logs / path.name).write_bytes(path.read_bytes())
+    (logs / "policy.json").write_text(json.dumps({"command": "lerobot-eval --policy.n_action_steps=1"}))
+    text = write_model_card(tmp_path, "a/b", str(logs), license_id="mit").read_text()
+    assert "```bash\nlerobot-eval --policy.n_action_steps=1\n```" in text
+
+
+def test_a_folder_without_logs_is_no_measurement(tmp_path):
+    (tmp_path / "config.json").write_text(json.dumps({"type": "act"}))
+    with pytest.raises(InputError, match="--log_dir"):
+        write_model_card(tmp_path, "a/b", str(tmp_path), license_id="mit")
+    assert "Not measured" in write_model_card(tmp_path, "a/b", None, license_id="mit").read_text()

@@ -1,0 +1,86 @@
+"""A dataset as the source of another: chosen from, cut, scaled; with what it has not got said."""
+
+import json
+
+import numpy as np
+import pytest
+from dataset_samples import HEIGHT, WIDTH, picture_of, short, write_raw_export
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+from lerobot_spacedock.camera import CameraConfig
+from lerobot_spacedock.dataset import schema
+from lerobot_spacedock.dataset.convert import ConvertConfig, convert
+from lerobot_spacedock.dataset.integrity import check_dataset
+from lerobot_spacedock.dataset.reader import DatasetReader
+from lerobot_spacedock.dataset.record import Storage
+from lerobot_spacedock.physics.frames import STATE_NAMES
+
+CAMERA = CameraConfig(height=HEIGHT, width=WIDTH)
+
+
+def run(source, root, **options) -> None:
+    options = {"camera": CAMERA, "num_workers": 1, "images": "none"} | options
+    assert convert(ConvertConfig(source=str(source), repo_id="test/again", root=str(root), **options)) == 0
+
+
+def logs_of(root) -> list:
+    return [episode.log() for episode in DatasetReader(root).iterate()]
+
+
+def test_it_comes_through_unchanged_and_knows_how_it_was_made(log_folder, tmp_path):
+    run(log_folder, tmp_path / "one")
+    run(tmp_path / "one", tmp_path / "two", format="lerobot")
+    for before, after in zip(logs_of(tmp_path / "one"), logs_of(tmp_path / "two"), strict=True):
+        for name in ("time", "state", "action", "dt", "reward"):
+            np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+        assert {name: values.tolist() for name, values in after.extra.items()} == {
+            name: values.tolist() for name, values in before.extra.items()
+        }
+        assert after.metadata == before.metadata
+    assert check_dataset(tmp_path / "two").errors == []
+    assert "which was made by: `" in (tmp_path / "two" / "README.md").read_text()
+
+
+@pytest.mark.parametrize("kind", ["video", "image"])
+def test_a_part_of_it_keeps_its_pictures(flights, tmp_path, kind):
+    write_raw_export(tmp_path / "raw", [short(log, 6) for log in flights[:3]], pictures=True)
+    run(tmp_path / "raw", tmp_path / "one", format="raw", images="auto", storage=Storage(kind))
+    options = {"segment": "last:4", "num_episodes": 2, "select": "smoothness", "storage": Storage("image")}
+    run(tmp_path / "one", tmp_path / "two", format="lerobot", images="auto", **options)
+    dataset = LeRobotDataset("test/again", root=tmp_path / "two")
+    assert (dataset.num_episodes, dataset.num_frames) == (2, 8)
+    for index in range(8):
+        frame = (dataset[index][schema.IMAGE].numpy().transpose(1, 2, 0) * 255.0).round()
+        assert np.abs(frame - picture_of(2 + index % 4)).max() < (1 if kind == "image" else 4)
+    assert check_dataset(tmp_path / "two").errors == []
+
+
+def test_what_a_foreign_one_has_not_got_is_said(flights, tmp_path, capsys):
+    """Another camera name, no times, no mass, no rewards, no terminal state: as a recording of another tool."""
+    log = short(flights[0], 9)
+    names = [name for name in STATE_NAMES if name != "mass"]
+    features = {
+        "observation.state": {"dtype": "float32", "shape": (13,), "names": names},
+        "action": {"dtype": "float32", "shape": (6,), "names": None},
+        "observation.images.front": {"dtype": "image", "shape": (HEIGHT, WIDTH, 3), "names": None},
+    }
+    dataset = LeRobotDataset.create("test/foreign", fps=1, features=features, root=tmp_path / "one", use_videos=False)
+    seen = np.delete(log.state, 6, axis=1).astype(np.float32)
+    for k in range(9):
+        action = log.action[k].astype(np.float32)
+        dataset.add_frame(
+            {"observation.state": seen[k], "action": action, "observation.images.front": picture_of(k), "task": "dock"}
+        )
+    dataset.save_episode()
+    dataset.finalize()
+    run(tmp_path / "one", tmp_path / "two", format="lerobot", images="auto", storage=Storage("image"), step_s=0.9)
+    shown = capsys.readouterr().out
+    for what in ("mass", "rewards", "times"):
+        assert f"{what} not in the source" in shown
+    again = LeRobotDataset("test/again", root=tmp_path / "two")
+    assert again.num_frames == 8, "the last frame became the terminal state"
+    assert float(again[3]["control_dt"]) == pytest.approx(0.9)
+    np.testing.assert_array_equal((again[5][schema.IMAGE].numpy().transpose(1, 2, 0) * 255).round(), picture_of(5))
+    assert check_dataset(tmp_path / "two").errors == []
+    facts = json.loads((tmp_path / "two" / "meta" / "spacedock.json").read_text())
+    assert facts["pictures"] == "stored"
