@@ -33,9 +33,7 @@ def check_dataset(
     """
     report = Report()
     try:
-        with reading(
-            root, "a dataset"
-        ):  # what no check below has thought of
+        with reading(root, "a dataset"):  # what no check below has thought of
             _check(root, report, sample_frames, redraw, progress)
     except (SpaceDockError, FileNotFoundError) as error:
         report.errors.append(str(error))
