@@ -182,6 +182,18 @@ def test_logs_go_to_the_output_folder_and_never_over_older_ones(command, tmp_pat
     env.close()
 
 
+def test_a_log_folder_that_cannot_be_written_is_refused_before_an_environment_is_made(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("in the way")
+    made = []
+    monkeypatch.setattr("lerobot_spacedock.adapters.env_config.make_env", lambda *given: made.append(given))
+    for folder in (tmp_path / "file", tmp_path / "file" / "logs" / "deeper"):
+        config = SpaceDockEnvConfig(obs_type="agent_pos", log_dir=str(folder))
+        with pytest.raises(InputError, match=r"--env\.log_dir.*a folder that can be written.*Not a directory"):
+            make_env(config, n_envs=2)
+    assert made == []
+    assert (tmp_path / "file").read_text() == "in the way"
+
+
 @pytest.mark.parametrize("path", ["outputs/none/pretrained_model", "./none", "/none/at/all"])
 def test_a_checkpoint_that_is_not_there_is_named_before_the_hub_is_asked(path, monkeypatch):
     monkeypatch.setattr("sys.argv", ["lerobot-eval", "--env.type=spacedock", f"--policy.path={path}"])
