@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -55,6 +56,7 @@ def main() -> None:
     parser.add_argument("--height", type=int, default=0, help="of the frames; 0 writes states and actions alone")
     parser.add_argument("--width", type=int, default=0)
     parser.add_argument("--expert", default="V")
+    parser.add_argument("--flags", default="", help="further flags of demos and convert, in one string")
     parser.add_argument("--scratch", default=None, help="folder for what is written and removed again")
     arguments = parser.parse_args()
     picture = [f"--camera.height={arguments.height}", f"--camera.width={arguments.width}"] if arguments.height else None
@@ -62,7 +64,7 @@ def main() -> None:
     runs: list[Run] = []
     for count in map(int, filter(None, arguments.episodes.split(","))):
         with tempfile.TemporaryDirectory(dir=arguments.scratch) as scratch:
-            runs += measure_size(Path(scratch), count, arguments.expert, picture)
+            runs += measure_size(Path(scratch), count, arguments.expert, picture, shlex.split(arguments.flags))
     for count in map(int, filter(None, arguments.assemble.split(","))):
         with tempfile.TemporaryDirectory(dir=arguments.scratch) as scratch:
             runs += measure_assembly(Path(scratch) / "dataset", count)
@@ -76,10 +78,10 @@ def main() -> None:
         print(f"a million episodes, {verb:8s} {cost} {(many.disk_MB - few.disk_MB) * each / 1e3:8.1f} GB")
 
 
-def measure_size(folder: Path, count: int, expert: str, picture: list[str] | None) -> list[Run]:
+def measure_size(folder: Path, count: int, expert: str, picture: list[str] | None, flags: list[str]) -> list[Run]:
     """The three verbs over ``count`` episodes; what they wrote is removed."""
     logs, flown, converted = folder / "logs", folder / "flown", folder / "converted"
-    common = ["--repo_id=bench/scale", "--num_workers=1"]
+    common = ["--repo_id=bench/scale", "--num_workers=1", *flags]
     cli = ["-m", "lerobot_spacedock.cli"]
     demos = [f"--root={flown}", f"--expert={expert}", f"--num_episodes={count}", f"--num_candidates={count}"]
     demos += [f"--log_dir={logs}", *(picture or ["--image=false"])]
