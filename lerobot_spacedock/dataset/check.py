@@ -65,11 +65,11 @@ def text_of(report: Report, root: Path) -> str:
             lines.append(f"  … and {len(values) - MAX_LINES} more {name}s")
     if report.worst:
         worst = ", ".join(f"{name} {value:.2g} (≤ {TOLERANCES[name]:g})" for name, value in report.worst.items())
-        lines.append(f"  states follow from commands to: {worst}")
+        lines.append(f"  worst of each state against the command before it: {worst}")
     if report.psnr_dB is not None:
         least, median = report.psnr_dB
         lines.append(f"  frames match their states drawn again: least {least:.1f} dB, median {median:.1f} dB")
     done = ", ".join(f"{name} {count}" for name, count in sorted(report.checks.items()))
     lines.append(f"  checked: {done}")
-    lines.append("  OK" if report.ok else f"  {len(report.errors)} errors")
+    lines.append("  OK" if report.ok else f"  {len(report.errors)} error{'s' if len(report.errors) > 1 else ''}")
     return "\n".join(lines)

@@ -99,8 +99,11 @@ def convert(config: ConvertConfig) -> int:
         if not job.plan_path.exists():
             job.write_plan(*_plan(config))
         run_executor(job, config.executor, num_workers=config.num_workers, total_frames=None)
+        chosen = Plan.read(job.plan_path).facts["selection"]
         total = assemble(job)
     print(f"Wrote {total.episodes} episodes, {total.frames} frames to {root}")
+    if chosen["kept"] < chosen["of"]:
+        print(f"  chosen: {chosen['kept']} of {chosen['of']} ({chosen['rule_text']})")
     for note in total.notes:
         print(f"  {note}")
     if total.left_out:
@@ -120,6 +123,9 @@ def _check(config: ConvertConfig) -> None:
         raise InputError("--images", config.images, "auto | draw | none")
     if config.num_episodes < 0:
         raise InputError("--num_episodes", config.num_episodes, "0 for all, or more")
+    if not config.num_episodes and (config.select != "first" or config.successes_first):
+        given = f"--select={config.select} --successes_first={str(config.successes_first).lower()} without a number"
+        raise InputError("--num_episodes", given, "how many to keep", "Left out, all are kept.")
     if config.step_s <= 0.0:
         raise InputError("--step_s", config.step_s, "seconds, above 0")
     if config.repeat_terminal < 0 or (config.repeat_terminal and Segment.parse(config.segment).whole):
@@ -195,6 +201,8 @@ def _select(config: ConvertConfig, found: list[EpisodeRef]) -> tuple[list[Episod
             if not config.skip_bad:
                 raise
             continue
+        if config.select == "return" and "rewards" in log.metadata:
+            raise InputError("--select", "return", "another rule", f"Rewards are {log.metadata['rewards']}.")
         refs.append(ref)
         scores.append(score(log, config.select))
         successes.append(succeeded(log))

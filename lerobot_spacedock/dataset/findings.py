@@ -17,6 +17,7 @@ class Report:
         errors, warnings, notes: sentences, each beginning with where.
         checks: how often each check ran, over episodes or files.
         worst: largest dynamics residuals over all steps, by the keys of ``residuals.TOLERANCES``.
+        unsure: how many episodes have a residual beyond its tolerance where times were assumed.
         episodes, frames: sizes.
         psnr_dB: least and median of the frames that were drawn again; None without.
     """
@@ -26,6 +27,7 @@ class Report:
     notes: list[str] = field(default_factory=list)
     checks: Counter = field(default_factory=Counter)
     worst: dict[str, float] = field(default_factory=dict)
+    unsure: Counter = field(default_factory=Counter)
     episodes: int = 0
     frames: int = 0
     psnr_dB: tuple[float, float] | None = None

@@ -84,11 +84,14 @@ def _check_features(reader: DatasetReader, report: Report) -> bool:
         observed = OBSERVATION_NAMES
     options = {"with_mass": "mass" in observed, "withhold_pose": "x" not in observed}
     expected = schema.columns(**options, image=False)
+    missing = [name for name in expected if name not in reader.features]
+    if missing:
+        report.notes.append(f"{where}: no {', '.join(missing)}; what needs them is not checked.")
     for name, column in expected.items():
         feature = reader.features.get(name)
         if feature is None:
-            report.notes.append(f"{where}: no {name!r}; what needs it is not checked.")
-        elif tuple(feature["shape"]) != column.shape or feature["dtype"] != column.dtype:
+            continue
+        if tuple(feature["shape"]) != column.shape or feature["dtype"] != column.dtype:
             report.errors.append(
                 f"{where}: {name!r} is {feature['dtype']} {feature['shape']}, not {column.dtype} {list(column.shape)}."
             )

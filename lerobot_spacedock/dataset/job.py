@@ -13,7 +13,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from lerobot_spacedock.dataset.record import DatasetLayout, free_space
 from lerobot_spacedock.dataset.sources import EpisodeRef
 from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.folders import only_process
+from lerobot_spacedock.invocation import command_line
 
 MAX_SHARD_EPISODES = 50
 FINISHED = "finished"
@@ -90,7 +91,8 @@ class Job:
         """Makes the folder, or takes up the job that is in it.
 
         Args:
-            settings: everything that decides what the data will be. JSON.
+            settings: everything that decides what the data will be. JSON. ``skip_bad`` may be turned on in a job that
+                goes on: what is finished had nothing to skip.
 
         Returns:
             True where an unfinished job goes on.
@@ -110,7 +112,9 @@ class Job:
             if before != settings and not self._anything_finished():
                 self._discard()  # it failed before it had made anything: nothing to go on from, nothing to lose
                 return self.begin(settings)
-            if before != settings:
+            if before | {"skip_bad": True} == settings:
+                self._skip_bad_from_now_on(settings)
+            elif before != settings:
                 keys = [key for key in {**before, **settings} if before.get(key) != settings.get(key)]
                 changes = ", ".join(f"{key} was {before.get(key)!r}, now {settings.get(key)!r}" for key in keys)
                 raise InputError(
@@ -124,6 +128,13 @@ class Job:
             folder.mkdir(parents=True, exist_ok=True)
         write_json(path, settings)
         return False
+
+    def _skip_bad_from_now_on(self, settings: dict[str, Any]) -> None:
+        if self.plan_path.exists():
+            plan = Plan.read(self.plan_path)
+            facts = plan.facts | ({"command": command_line()} if "command" in plan.facts else {})
+            replace(plan, skip_bad=True, facts=facts).save(self.plan_path)
+        write_json(self.folder / "settings.json", settings)
 
     def _anything_finished(self) -> bool:
         """Whether the folder holds a flight, a shard, a plan or more, which other settings would throw away."""

@@ -16,8 +16,9 @@ from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.episode import log_of_rows
 from lerobot_spacedock.dataset.provenance import EpisodeRows, episode_rows, read_dataset_facts, terminal_state
 from lerobot_spacedock.dataset.statistics import column_array
-from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.episode_log import MAX_STATES, EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, reading
+from lerobot_spacedock.json_file import read_object
 
 INDEX_COLUMNS = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 BATCH_ROWS = 4096
@@ -59,7 +60,7 @@ class DatasetReader:
 
     def __init__(self, root: Path) -> None:
         self.root = root
-        self.info = _read_json(root / "meta" / "info.json")
+        self.info = _read_info(root)
         with reading(root / "meta", "a dataset's metadata"):
             self.features: dict[str, dict[str, Any]] = dict(self.info.get("features", {}))
             self.facts = read_dataset_facts(root)
@@ -113,6 +114,8 @@ class DatasetReader:
                 held = held or {name: [] for name in names}
                 for name in names:
                     held[name].append(batch[name][start:stop])
+                if sum(map(len, held["episode_index"])) > MAX_STATES:
+                    raise FileFormatError(f"{self.root / 'data'}: episode {current} has more than {MAX_STATES:,} rows.")
         if current is not None:
             yield _episode(self.root, current, held, about)
 
@@ -164,13 +167,8 @@ def _episode(root: Path, index: int, held: dict[str, list[np.ndarray]] | None, a
     return Episode(index, rows, about.at(index), root)
 
 
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text())
-    except FileNotFoundError:
-        raise FileFormatError(f"{path}: missing; this is not a LeRobotDataset v3.0.") from None
-    except ValueError as error:
-        raise FileFormatError(f"{path}: not JSON ({error}).") from error
-    if not isinstance(content, dict):
-        raise FileFormatError(f"{path}: {type(content).__name__}, not a JSON object.")
-    return content
+def _read_info(root: Path) -> dict[str, Any]:
+    path = root / "meta" / "info.json"
+    if not path.is_file():
+        raise FileFormatError(f"{path}: missing; this is not a LeRobotDataset v3.0.")
+    return read_object(path)

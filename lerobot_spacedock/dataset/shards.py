@@ -157,7 +157,8 @@ def _write(
                 raise
             if recorder is not None:
                 recorder.discard_episode()
-            left_out.append((ref.name, str(error)))
+            # without the folders above: it will be published with the dataset
+            left_out.append((ref.label, str(error).replace(f"{Path(ref.path).parent}/", "")))
     if recorder is not None:
         recorder.close()
     return ShardSummary(rows, left_out, dict(changed), dict(assumed))

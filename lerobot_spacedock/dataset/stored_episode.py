@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
+import pyarrow.dataset as ds
 
 from lerobot_spacedock.dataset import provenance, schema
 from lerobot_spacedock.dataset.episode import log_of_rows
 from lerobot_spacedock.dataset.roots import dataset_file
 from lerobot_spacedock.dataset.sources.pictures import decode_picture
-from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.episode_log import MAX_STATES, EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, InputError, reading
 
 READ = (
@@ -144,6 +144,10 @@ class DatasetEpisode:
     @staticmethod
     def _table(path: Path, columns: list[str] | None, episode: int) -> pa.Table:
         try:
-            return pq.read_table(path, columns=columns, filters=[("episode_index", "=", episode)], partitioning=None)
+            own = ds.field("episode_index") == episode
+            found = ds.dataset(path, format="parquet").scanner(columns=columns, filter=own).head(MAX_STATES + 1)
         except (pa.ArrowException, OSError, KeyError) as error:
             raise FileFormatError(f"{path}: not readable ({error}).") from error
+        if found.num_rows > MAX_STATES:
+            raise FileFormatError(f"{path}: episode {episode} has more than {MAX_STATES:,} rows.")
+        return found

@@ -58,6 +58,11 @@ def check_totals(reader: DatasetReader, totals: Totals, report: Report) -> None:
         report.errors.append(
             f"meta/spacedock_episodes.parquet: {len(reader.about)} rows for {report.episodes} episodes."
         )
+    for name, count in report.unsure.items():
+        report.warnings.append(
+            f"{count} of {report.episodes} episodes: the next state does not follow from the command over the times "
+            f"that were assumed: {name} off by up to {report.worst[name]:.3g}."
+        )
     if reader.about is None:
         report.notes.append(
             "no provenance (meta/spacedock_episodes.parquet): the last step of each episode is unchecked."

@@ -199,7 +199,8 @@ def test_numpy_archives_without_times_take_the_given_step(flights, tmp_path):
     np.testing.assert_array_equal(rows[schema.CONTROL_DT][:, 0], np.float32(0.5))
     report = check_dataset(tmp_path / "d")
     assert report.errors == [], "nobody claimed these times"
-    assert any("does not follow" in text for text in report.warnings), "wrong times are found out by the physics"
+    (position,) = (text for text in report.warnings if "position_m" in text)
+    assert position.startswith("1 of 1 episodes: the next state does not follow"), "physics finds out wrong times"
 
 
 def test_minari(flights, tmp_path, monkeypatch):
@@ -267,6 +268,8 @@ def test_segments_and_their_repeats(flights, log_folder, tmp_path):
         ({"num_episodes": 99}, "--num_episodes"),
         ({"segment": "half"}, "--segment"),
         ({"repeat_terminal": 2}, "--repeat_terminal"),
+        ({"select": "distance"}, "--num_episodes"),
+        ({"successes_first": True}, "--num_episodes"),
         ({"source": "/nonexistent"}, "--source"),
         ({"repo_id": "nouser"}, "--repo_id"),
         ({"storage": Storage("video", vcodec="gif")}, "--storage"),
@@ -294,11 +297,27 @@ def test_an_unfinished_job_goes_on_only_with_its_own_settings(raw_export, tmp_pa
     root = tmp_path / "d"
     with pytest.raises(FileFormatError):
         run(raw_export, root, format="raw")
-    with pytest.raises(InputError, match="skip_bad was False, now True"):
-        run(raw_export, root, format="raw", skip_bad=True)
+    with pytest.raises(InputError, match="with_mass was False, now True"):
+        run(raw_export, root, format="raw", with_mass=True)
     shutil.copy(raw_export / "imgs" / "img_traj_1_step_3.png", raw_export / "imgs" / "img_traj_1_step_4.png")
     run(raw_export, root, format="raw")
     assert check_dataset(root).errors == []
+
+
+def test_what_cannot_be_read_may_be_skipped_by_the_job_that_stopped_at_it(raw_export, tmp_path, monkeypatch):
+    BROKEN_RAW["truncated"][0](raw_export)
+    root = tmp_path / "d"
+    with pytest.raises(FileFormatError):
+        run(raw_export, root, format="raw")
+    done = [path.stat().st_mtime_ns for path in (tmp_path / "d.part" / "shards").glob("shard_*")]
+    assert len(done) == 1
+    monkeypatch.setattr("sys.argv", ["spacedock", "convert", "--skip_bad"])
+    run(raw_export, root, format="raw", skip_bad=True)
+    assert check_dataset(root).errors == []
+    facts = json.loads((root / "meta" / "spacedock.json").read_text())
+    assert [name for name, _ in facts["left_out"]] == ["raw#1"]
+    assert facts["command"] == "spacedock convert --skip_bad"
+    assert str(tmp_path) not in json.dumps(facts), "nothing of this machine is published"
 
 
 def test_a_job_that_failed_before_it_made_anything_begins_anew_with_other_settings(log_folder, tmp_path):
@@ -377,3 +396,9 @@ def test_the_command_is_kept_as_a_shell_takes_it(log_folder, tmp_path, monkeypat
     run(log_folder, tmp_path / "d", images="none")
     kept = json.loads((tmp_path / "d" / "meta" / "spacedock.json").read_text())["command"]
     assert kept == "spacedock convert '--task=dock with the ISS' --images=none"
+
+
+def test_a_source_without_rewards_is_not_ranked_by_them(raw_export, tmp_path):
+    with pytest.raises(InputError, match=r"--select: got return.* not in the source"):
+        run(raw_export, tmp_path / "d", format="raw", images="none", num_episodes=1, select="return")
+    assert not (tmp_path / "d").exists()

@@ -8,6 +8,7 @@ real times that stand in ``timestamp``, where LeRobot would look up wrong video 
 from __future__ import annotations
 
 import json
+import logging
 import os
 import shutil
 from pathlib import Path
@@ -21,7 +22,7 @@ from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.card import write_card
 from lerobot_spacedock.dataset.job import Job, write_json
 from lerobot_spacedock.dataset.provenance import write_dataset_facts
-from lerobot_spacedock.dataset.record import datasets_cache
+from lerobot_spacedock.dataset.record import datasets_cache, prepare_libraries
 from lerobot_spacedock.dataset.statistics import repair_statistics
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.invocation import command_line
@@ -101,11 +102,18 @@ def _described(root: Path) -> dict[str, schema.Column]:
 def _run_converter(repo_id: str, work: Path) -> None:
     from lerobot.scripts.convert_dataset_v21_to_v30 import convert_dataset
 
+    prepare_libraries()
+    # it says three times that it will ignore total_chunks and total_videos, which every v2.1 has and v3.0 has not
+    said_by = logging.getLogger("lerobot.datasets.utils")
+    before = said_by.level
+    said_by.setLevel(logging.ERROR)
     try:
         with datasets_cache(work.with_name(f"{work.name}_cache")):
             convert_dataset(repo_id, root=work, push_to_hub=False)
     except Exception as error:  # it raises whatever its files make it raise
         raise FileFormatError(f"{work}: LeRobot's converter failed ({type(error).__name__}: {error}).") from error
+    finally:
+        said_by.setLevel(before)
     shutil.rmtree(work.with_name(f"{work.name}_old"), ignore_errors=True)
 
 
