@@ -11,6 +11,7 @@ import numpy as np
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.env_flags import env_flags
 from lerobot_spacedock.dataset.findings import component_names
+from lerobot_spacedock.dataset.licence import license_of
 from lerobot_spacedock.dataset.pictures_check import FrameStore
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.errors import FileFormatError
@@ -28,9 +29,17 @@ CITATION = """@misc{posadasnava2025action,
 _SIZES = ((1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M"))
 
 
-def dataset_card(root: Path, repo_id: str, *, license_id: str = "apache-2.0", tags: tuple[str, ...] = ()) -> str:
-    """The README of the dataset at ``root``: YAML header for the hub, then Markdown."""
+def dataset_card(root: Path, repo_id: str, *, license_id: str | None = None, tags: tuple[str, ...] = ()) -> str:
+    """The README of the dataset at ``root``: YAML header for the hub, then Markdown.
+
+    Args:
+        root: of the dataset.
+        repo_id: user/name.
+        license_id: by the hub's short name; left out, that of the source, of which we know no other than our own.
+        tags: of the header.
+    """
     reader = DatasetReader(root)
+    license_id = license_id or license_of(reader.facts)
     stats = _read_stats(root)
     parts = [
         _header(reader, license_id, tags),
@@ -48,7 +57,7 @@ def dataset_card(root: Path, repo_id: str, *, license_id: str = "apache-2.0", ta
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def write_card(root: Path, repo_id: str, *, license_id: str = "apache-2.0", tags: tuple[str, ...] = ()) -> Path:
+def write_card(root: Path, repo_id: str, *, license_id: str | None = None, tags: tuple[str, ...] = ()) -> Path:
     """Writes the strip of frames and ``README.md`` into the dataset."""
     write_strip(DatasetReader(root))
     path = root / "README.md"
@@ -175,7 +184,7 @@ def _contents(reader: DatasetReader) -> str:
         "|---|---|",
         f"| episodes | {len(lengths)} |",
         f"| frames | {int(lengths.sum())} |",
-        f"| frames an episode | {lengths.min()} to {lengths.max()}, mean {lengths.mean():.1f} |",
+        f"| frames an episode | {_span(lengths.min(), lengths.max())}, mean {lengths.mean():.1f} |",
     ]
     if reader.about is not None:
         docked = int(reader.about.column("success").sum())
@@ -192,9 +201,14 @@ def _contents(reader: DatasetReader) -> str:
     return "\n".join(lines)
 
 
+def _span(least: int, most: int) -> str:
+    return f"{least}" if least == most else f"{least} to {most}"
+
+
 def _codec(feature: dict[str, Any]) -> str:
     info = feature.get("info") or {}
-    return f"video ({info.get('video.codec', 'unknown codec')}, crf {info.get('video.crf', '?')})"
+    crf = f", crf {info['video.crf']}" if info.get("video.crf") is not None else ""
+    return f"video ({info.get('video.codec', 'unknown codec')}{crf})"
 
 
 def _columns(reader: DatasetReader) -> str:

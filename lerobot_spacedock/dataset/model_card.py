@@ -50,9 +50,9 @@ def write_model_card(
     use = " \\\n    ".join([f"lerobot-eval --policy.path={repo_id}", *env_flags(inputs, task)])
     parts = [
         f"---\n{yaml.safe_dump(header, sort_keys=False).strip()}\n---",
-        f"# {repo_id.partition('/')[2]}\n\nA `{policy.get('type')}` policy that docks a spacecraft with the "
-        f"International Space Station, in simulation. It sees {_seen(inputs)} and commands thrust and torque (N and "
-        "N·m, body axes).",
+        f"# {repo_id.partition('/')[2]}\n\nA policy of type `{policy.get('type')}`, trained to dock a "
+        f"spacecraft with the International Space Station in simulation. It sees {_seen(inputs)} and commands thrust "
+        "and torque (N and N·m, body axes).",
         f"## Results\n\n{results}",
         f"## Training\n\n{_training(policy, training)}",
         f"## Use\n\nWith LeRobot and its plugin `lerobot_env_spacedock` installed:\n\n```bash\n{use}\n```",
@@ -107,7 +107,7 @@ def _results(log_dir: str | None) -> tuple[list[str], str]:
     seeds = [episode["seed"] for episodes in rows.values() for episode in episodes if episode["seed"] is not None]
     lines += ["", "Docked: inside the IDSS box. Every episode counts; intervals are Clopper and Pearson's."]
     if seeds:
-        lines.append(f"Seeds {min(seeds)} to {max(seeds)}.")
+        lines.append(f"Seeds {min(seeds)} to {max(seeds)}." if len(seeds) > 1 else f"Seed {seeds[0]}.")
     command = _evaluation(Path(log_dir))
     if command:
         lines += [f"Measured by\n\n```bash\n{command}\n```"]
@@ -122,7 +122,7 @@ def _evaluation(log_dir: Path) -> str | None:
 
 
 def _training(policy: dict[str, Any], training: dict[str, Any]) -> str:
-    lines = [f"- {name}: {policy[name]}" for name in _SHOWN_POLICY if name in policy]
+    lines = [f"- {name}: {policy[name]}" for name in _SHOWN_POLICY if policy.get(name) is not None]
     lines += [f"- {name}: {training[name]}" for name in _SHOWN_TRAINING if name in training]
     data = training.get("dataset") or {}
     if data.get("repo_id"):

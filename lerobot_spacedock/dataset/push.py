@@ -9,9 +9,11 @@ from pathlib import Path
 from lerobot_spacedock.dataset.card import write_card
 from lerobot_spacedock.dataset.hub import HubError, checked_token, hub_errors, set_tag, upload_folder
 from lerobot_spacedock.dataset.integrity import check_dataset
+from lerobot_spacedock.dataset.licence import OWN
 from lerobot_spacedock.dataset.model_card import write_model_card
+from lerobot_spacedock.dataset.record import free_space
 from lerobot_spacedock.dataset.roots import check_repo_id, existing_root, is_inside
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, SpaceDockError
 
 KINDS = ("dataset", "policy", "env")
 LARGE_BYTES = 2 * 1024**3
@@ -38,8 +40,9 @@ class PushConfig:
     tags: list[str] = field(default_factory=list)
     # further git tag to set, such as v1.0; LeRobot's own version tag is always set for datasets
     revision_tag: str | None = None
-    # licence of what is pushed, by the hub's short name
-    license: str = "apache-2.0"
+    # licence of what is pushed, by the hub's short name; by default apache-2.0, and of rollouts that others made what
+    # their source states, or unknown
+    license: str | None = None
     # upload in several commits with a record of progress: auto does so above 2 GB | always | never
     large: str = "auto"
     # push although the check found errors
@@ -61,7 +64,11 @@ def push(config: PushConfig) -> int:
     if config.large not in ("auto", "always", "never"):
         raise InputError("--large", config.large, "auto | always | never")
     with tempfile.TemporaryDirectory() as scratch:
-        folder = _prepare(config, Path(scratch))
+        try:
+            folder = _prepare(config, Path(scratch))
+        except OSError as error:
+            place = Path(config.root or scratch)
+            raise SpaceDockError(f"{place}: the card cannot be written ({error}). {free_space(place)}") from error
         return _upload(config, folder)
 
 
@@ -80,11 +87,13 @@ def _prepare(config: PushConfig, scratch: Path) -> Path:
         folder = Path(config.root or "")
         if config.root is None or not (folder / "config.json").exists():
             raise InputError("--root", config.root, "the pretrained_model folder of a policy (it holds config.json)")
-        write_model_card(folder, config.repo_id, config.log_dir, license_id=config.license, tags=tuple(config.tags))
+        write_model_card(
+            folder, config.repo_id, config.log_dir, license_id=config.license or OWN, tags=tuple(config.tags)
+        )
         return folder
     from lerobot_spacedock.dataset.env_hub import write_env_hub
 
-    write_env_hub(scratch, config.repo_id, license_id=config.license, tags=tuple(config.tags))
+    write_env_hub(scratch, config.repo_id, license_id=config.license or OWN, tags=tuple(config.tags))
     return scratch
 
 

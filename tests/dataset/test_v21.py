@@ -7,6 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from dataset_samples import short
+from huggingface_hub import DatasetCard
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_spacedock.camera import CameraConfig
@@ -73,6 +74,7 @@ def write_v21(root, logs, *, real_times: bool) -> None:
 def test_the_authors_schema_comes_through_lerobots_converter(flights, tmp_path, real_times):
     logs = [short(log, steps) for log, steps in zip(flights[:2], (9, 7), strict=True)]
     write_v21(tmp_path / "old", logs, real_times=real_times)
+    (tmp_path / "old" / "README.md").write_text("---\nlicense: cc-by-4.0\n---\n# theirs\n")
     before = sorted(p.name for p in (tmp_path / "old").rglob("*"))
     root = tmp_path / "new"
     assert convert(ConvertConfig(str(tmp_path / "old"), "test/new", format="v21", root=str(root))) == 0
@@ -85,6 +87,7 @@ def test_the_authors_schema_comes_through_lerobots_converter(flights, tmp_path, 
     assert item["timestamp"] == 2.0
     mass = np.concatenate([log.state[:-1, 6] for log in logs]).astype(np.float32).astype(np.float64)
     assert dataset.meta.stats["observation.state"]["std"][6] == pytest.approx(mass.std(), rel=1e-9)
+    assert DatasetCard.load(root / "README.md").data.license == "cc-by-4.0", "theirs, as their card states it"
     report = check_dataset(root)
     assert report.errors == []
     if real_times:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_spacedock.dataset import schema
+from lerobot_spacedock.dataset.licence import stated_license
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.dataset.sources import NO_MASS, NO_REWARDS, EpisodeRef, LoadedEpisode, no_times
 from lerobot_spacedock.dataset.stored_episode import DatasetEpisode
@@ -47,6 +48,7 @@ def inherited_facts(path: Path) -> dict[str, Any]:
     """What the source says of how it was made, and what is true of its pieces too."""
     facts = DatasetReader(path).facts
     found = {name: facts[name] for name in INHERITED if facts.get(name) is not None}
+    found["license"] = stated_license(path)
     return found | ({"source_command": facts["command"]} if facts.get("command") else {})
 
 

@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.card import write_card
 from lerobot_spacedock.dataset.job import Job, write_json
+from lerobot_spacedock.dataset.licence import stated_license
 from lerobot_spacedock.dataset.provenance import write_dataset_facts
 from lerobot_spacedock.dataset.record import datasets_cache, prepare_libraries
 from lerobot_spacedock.dataset.statistics import repair_statistics
@@ -69,6 +70,7 @@ def convert_v21(config: ConvertConfig, root: Path) -> int:
             "command": command_line(),
             "source": {"format": "v21", "description": "a LeRobotDataset v2.1, through LeRobot's converter"},
             "pictures": "stored",
+            "license": stated_license(source),
             "times": MOVED if moved else NO_TIMES,
         }
         write_dataset_facts(work, facts, _described(work))
