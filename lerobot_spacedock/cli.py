@@ -131,7 +131,8 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
         raise InputError(prog, str(error), _options(known, prog)) from error
     except InputError:
         raise
-    except (AttributeError, KeyError, TypeError, ValueError) as error:  # draccus trips over a file of another shape
+    # draccus trips over a file of another shape
+    except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
         raise InputError("--config_path", _config_path(arguments), "a YAML mapping of options") from error
     if unknown:
         flag = unknown[0].split("=", 1)[0]

@@ -6,12 +6,13 @@ the expert that flew them, are on its account. What is written nowhere is left o
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from lerobot_spacedock.adapters.command_line import command_option
+from lerobot_spacedock.errors import FileFormatError
 from lerobot_spacedock.invocation import command_line
+from lerobot_spacedock.json_file import read_object
 
 UNTRAINED = ("spacedock_mpc", "spacedock_zem", "spacedock_feedback")
 LEARNT = "spacedock_meta_rl"
@@ -68,8 +69,8 @@ def _demonstrations(root: Path) -> dict[str, Any]:
 
 
 def _json(path: Path) -> dict[str, Any]:
+    """Empty where it is missing or damaged."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return read_object(path)
+    except FileFormatError:
         return {}
-    return found if isinstance(found, dict) else {}

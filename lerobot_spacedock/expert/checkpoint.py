@@ -15,6 +15,7 @@ from lerobot_spacedock import __version__
 from lerobot_spacedock.errors import FileFormatError
 from lerobot_spacedock.expert.features import FEATURE_DIM
 from lerobot_spacedock.expert.network import ARCHITECTURE, ARCHITECTURE_VERSION, ActorNetwork, NetworkConfig
+from lerobot_spacedock.json_file import read_object
 from lerobot_spacedock.physics.frames import ACTION_DIM
 
 _FOLDER = Path(__file__).parent / "checkpoints"
@@ -69,7 +70,7 @@ def load_actor(checkpoint: str | Path | None = None) -> tuple[ActorNetwork, dict
             f"{path}: no such expert checkpoint; make one with spacedock train-expert, or leave it out or name "
             f"{GENTLE} for those that ship"
         )
-    description = read_json(path.with_suffix(".json"))
+    description = read_object(path.with_suffix(".json"))
     for name, wanted in (
         ("architecture", ARCHITECTURE),
         ("architecture_version", ARCHITECTURE_VERSION),
@@ -107,24 +108,11 @@ def training_counts(expert: str, checkpoint: str | Path | None = None) -> dict[s
     if not expert.startswith("meta_rl"):
         return {"episodes": 0, "interactions": 0}
     try:
-        training = read_json(find_checkpoint(checkpoint).with_suffix(".json")).get("training")
+        training = read_object(find_checkpoint(checkpoint).with_suffix(".json")).get("training")
     except FileFormatError:
         return None
     counts = {name: training.get(name) for name in ("episodes", "interactions")} if isinstance(training, dict) else {}
     return counts if counts and all(isinstance(count, int) for count in counts.values()) else None
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """A JSON object; FileFormatError where it is missing or malformed."""
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot be read ({error.strerror}); it belongs to the checkpoint") from error
-    except ValueError as error:
-        raise FileFormatError(f"{path}: not JSON ({error})") from error
-    if not isinstance(value, dict):
-        raise FileFormatError(f"{path}: a JSON object was expected, found {type(value).__name__}")
-    return value
 
 
 def write_json(path: Path, value: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lerobot_spacedock.errors import FileFormatError, InputError, check_size, reading
-from lerobot_spacedock.expert.checkpoint import read_json
+from lerobot_spacedock.json_file import read_object
 from lerobot_spacedock.physics.frames import ACTION_DIM, MASS, OBSERVATION_INDICES, STATE_DIM
 
 _COLUMNS = ["observation.state", "action", "episode_index", "frame_index"]
@@ -43,7 +43,7 @@ def load_demonstrations(folder: Path) -> list[tuple[np.ndarray, np.ndarray]]:
     Raises:
         FileFormatError: columns missing, of another size, or not finite.
     """
-    codebase = read_json(folder / "meta" / "info.json").get("codebase_version")
+    codebase = read_object(folder / "meta" / "info.json").get("codebase_version")
     if codebase != "v3.0":
         raise FileFormatError(f"{folder}: a LeRobotDataset of version {codebase}, v3.0 was expected; convert it first")
     files = sorted((folder / "data").rglob("*.parquet"))

@@ -189,6 +189,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", type=Path, help="write the summaries here too")
     arguments = parser.parse_args(argv)
     try:
+        if arguments.episodes < 1:
+            raise InputError("--episodes", arguments.episodes, "1 or more")
         rows = []
         for name in arguments.policies.split(","):
             for task in arguments.tasks.split(","):

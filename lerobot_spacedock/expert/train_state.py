@@ -18,9 +18,10 @@ from safetensors.torch import load_file, save
 from torch import Tensor
 
 from lerobot_spacedock.errors import FileFormatError, reading
-from lerobot_spacedock.expert.checkpoint import read_json, save_actor, write_json
+from lerobot_spacedock.expert.checkpoint import save_actor, write_json
 from lerobot_spacedock.expert.network import ActorNetwork, NetworkConfig
 from lerobot_spacedock.expert.train_config import TrainExpertConfig
+from lerobot_spacedock.json_file import read_object
 
 STATE_VERSION = 1
 KEPT_CHECKPOINTS = 2
@@ -87,7 +88,7 @@ def load_checkpoint(folder: Path, algorithm: PPO, resolved: dict[str, Any]) -> d
     if not found:
         raise FileFormatError(f"{folder}: no checkpoint to resume from; start without --resume=true")
     path = found[-1]
-    state = read_json(path / "training.json")
+    state = read_object(path / "training.json")
     if state.get("version") != STATE_VERSION:
         raise FileFormatError(f"{path}: training state of version {state.get('version')}, this is {STATE_VERSION}")
     with reading(path / "training.json", "the state of a training"):

@@ -7,12 +7,12 @@ before it.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.json_file import read_object
 from lerobot_spacedock.report.model import Samples
 from lerobot_spacedock.report.runs import split_pairs
 
@@ -104,13 +104,7 @@ def _demonstrations(root: Path) -> dict[str, int | None]:
 def _json(option: str, path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise InputError(option, str(path), "a file that exists")
-    try:
-        record = json.loads(path.read_text())
-    except ValueError as error:
-        raise FileFormatError(f"{path}: not JSON ({error}).") from error
-    if not isinstance(record, dict):
-        raise FileFormatError(f"{path}: {type(record).__name__}, not a JSON object.")
-    return record
+    return read_object(path)
 
 
 def _first_count(record: dict[str, Any], keys: Sequence[str]) -> int | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -184,6 +185,8 @@ def _check(cfg: ViewConfig) -> None:
     ):
         if path is not None and path.suffix.lower() not in endings:
             raise InputError(flag, str(path), f"a file that ends in {' or '.join(endings)}")
+    if cfg.at is not None and not math.isfinite(cfg.at):
+        raise InputError("--at", cfg.at, "seconds since the first state")
     for flag, value in (("--fps", cfg.fps), ("--speed", cfg.speed)):
         if not 0.0 < value <= 1000.0:
             raise InputError(flag, value, "above 0, up to 1000")

@@ -12,7 +12,15 @@ import numpy as np
 
 NUMBERS = (b"nan", b"inf", b"-1", b"0", b"1e999", b"-1e-400", b"99999999999999999999", b"0x10", b"1_0", b"", b"true")
 TOKENS = (b"\x00", b"\xff\xff\xff\xff", b"\x7f\xff\xff\xff", b"../../../etc/passwd", b"{", b"}", b"[" * 50, b'"', b"\n")
-TOKENS += (b"!!python/object/apply:os.system ['true']\n", b"&a [*a]\n", b"\xef\xbb\xbf", b",", b"%s%n", b"\xc0\x80")
+TOKENS += (
+    b"!!python/object/apply:os.system ['true']\n",
+    b"&a [*a]\n",
+    b"\xef\xbb\xbf",
+    b",",
+    b"%s%n",
+    b"\xc0\x80",
+    b"[" * 100_000,
+)
 VALUES = (None, True, False, 0, -1, 1e308, -1e-320, 2**63, 10**30, "", "x" * 300, "nan", "\x00", [], {}, [[]], [None])
 VALUES += ("../../../etc/passwd", "/etc/passwd", {"a": {"b": []}}, [1, "a", None], 0.5, 3, "meta_rl", "2024", "{chunk}")
 

@@ -70,6 +70,14 @@ def test_a_training_record_may_hold_anything(tmp_path, record):
     assert str(path) in said
 
 
+@pytest.mark.parametrize("reader", [r for r in READERS if "JSON" in r.name or "YAML" in r.name], ids=lambda r: r.name)
+def test_a_document_nested_beyond_any_depth_is_refused_by_name(tmp_path, reader):
+    (file, _), *_ = reader.make(tmp_path)
+    file.write_text("[" * 100_000)
+    with pytest.raises(SpaceDockError, match=file.name):
+        reader.read(file)
+
+
 def test_a_dataset_cannot_send_its_reader_elsewhere(tmp_path):
     from lerobot_spacedock.report.dataset_reader import DatasetEpisode
 

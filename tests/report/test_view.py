@@ -203,6 +203,6 @@ def test_a_camera_that_a_log_states_and_that_is_none_is_named_with_the_log(tmp_p
 
 
 def test_options_that_the_user_gave_are_named_as_such(log_file, tmp_path):
-    for option in ({"detail": "fine"}, {"renderer": "vulkan"}, {"height": 0}):
+    for option in ({"detail": "fine"}, {"renderer": "vulkan"}, {"height": 0}, {"at": float("nan")}):
         with pytest.raises(InputError, match=f"{next(iter(option))}: got"):
             view(ViewConfig(log=log_file, render=tmp_path / "a.png", **option))
