@@ -5,11 +5,12 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, SpaceDockError
 
 
 @contextlib.contextmanager
@@ -57,3 +58,28 @@ def check_writable(folder: Path, flag: str) -> None:
             pass
     except OSError as error:
         raise InputError(flag, str(folder), "a folder that can be written", f"{nearest}: {error.strerror}.") from error
+
+
+@contextlib.contextmanager
+def disk_errors(folder: Path, remedy: str) -> Iterator[None]:
+    """Turns a write that the system refuses (a full disk, no permission) into one sentence.
+
+    Args:
+        folder: where is written.
+        remedy: what is kept, and what to do.
+
+    Raises:
+        SpaceDockError: what the system said, how much room is left, and the remedy.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise SpaceDockError(f"{folder}: the system refused ({error}). {free_space(folder)} {remedy}") from error
+
+
+def free_space(path: Path) -> str:
+    """A sentence for error messages: how much room is left where ``path`` is to be written."""
+    while not path.exists():
+        path = path.parent
+    usage = shutil.disk_usage(path)
+    return f"{usage.free / 1e6:.0f} MB of {usage.total / 1e6:.0f} MB are free there."

@@ -12,10 +12,11 @@ from lerobot_spacedock.dataset.card import write_card
 from lerobot_spacedock.dataset.encoder import quiet_encoders
 from lerobot_spacedock.dataset.job import Job, Plan
 from lerobot_spacedock.dataset.provenance import write_dataset_facts, write_episode_rows
-from lerobot_spacedock.dataset.record import datasets_cache, free_space, prepare_libraries
+from lerobot_spacedock.dataset.record import datasets_cache, prepare_libraries
 from lerobot_spacedock.dataset.shards import SUMMARY_FILE, read_summary
 from lerobot_spacedock.dataset.statistics import repair_statistics
 from lerobot_spacedock.errors import FileFormatError, SpaceDockError
+from lerobot_spacedock.folders import free_space
 
 # LeRobot holds the metadata of all that it merges, and rewrites the file it appends to once for each of them
 MERGE_AT_ONCE = 8

@@ -17,10 +17,10 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from lerobot_spacedock.dataset.record import DatasetLayout, free_space
+from lerobot_spacedock.dataset.record import DatasetLayout
 from lerobot_spacedock.dataset.sources import EpisodeRef
-from lerobot_spacedock.errors import InputError, SpaceDockError
-from lerobot_spacedock.folders import only_process
+from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.folders import disk_errors, only_process
 from lerobot_spacedock.invocation import command_line
 
 MAX_SHARD_EPISODES = 50
@@ -154,15 +154,9 @@ class Job:
         Raises:
             SpaceDockError: what the system said, how much room is left, and that what is finished is kept.
         """
-        try:
+        remedy = f"What is finished is kept in {self.folder}: mend it and run the same command again."
+        with disk_errors(self.root, remedy):
             yield
-        except OSError as error:
-            if isinstance(error, SpaceDockError):
-                raise
-            raise SpaceDockError(
-                f"{self.root}: the system refused ({error}). {free_space(self.folder)} What is finished is kept in "
-                f"{self.folder}: mend it and run the same command again."
-            ) from error
 
     def finish(self, complete: Path) -> None:
         """Puts the complete dataset under its own name and removes the working folder."""

@@ -11,9 +11,9 @@ from lerobot_spacedock.dataset.hub import HubError, checked_token, hub_errors, s
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.licence import OWN
 from lerobot_spacedock.dataset.model_card import write_model_card
-from lerobot_spacedock.dataset.record import free_space
 from lerobot_spacedock.dataset.roots import check_repo_id, existing_root, is_inside
 from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.folders import free_space
 
 KINDS = ("dataset", "policy", "env")
 LARGE_BYTES = 2 * 1024**3

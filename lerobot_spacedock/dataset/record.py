@@ -24,6 +24,7 @@ from lerobot_spacedock.dataset.episode import rows_of
 from lerobot_spacedock.dataset.segments import MIN_STEPS
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.folders import free_space
 
 
 @dataclass(frozen=True)
@@ -224,11 +225,3 @@ def embed_at_once(dataset: Any) -> Any:
         return dataset
     table = embed_table_storage(dataset.with_format("arrow")[:])
     return Dataset(table, info=dataset.info, split=dataset.split, fingerprint=dataset._fingerprint)
-
-
-def free_space(path: Path) -> str:
-    """A sentence for error messages: how much room is left where ``path`` is to be written."""
-    while not path.exists():
-        path = path.parent
-    usage = shutil.disk_usage(path)
-    return f"{usage.free / 1e6:.0f} MB of {usage.total / 1e6:.0f} MB are free there."

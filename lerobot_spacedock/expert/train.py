@@ -37,7 +37,7 @@ from lerobot_spacedock.expert.train_state import (
     save_checkpoint,
 )
 from lerobot_spacedock.expert.training_tasks import TrainingTasks
-from lerobot_spacedock.folders import only_process
+from lerobot_spacedock.folders import disk_errors, only_process
 
 __all__ = ["TrainExpertConfig", "train_expert"]
 
@@ -53,7 +53,8 @@ def train_expert(config: TrainExpertConfig) -> int:
     """
     output = Path(config.output_dir)
     resolved = json.loads(json.dumps(asdict(config)))
-    with only_process(output, "--output_dir"):
+    again = "With room, the same command goes on from the last checkpoint with --resume=true."
+    with disk_errors(output, again), only_process(output, "--output_dir"):
         _prepare(config, output, resolved)
         with _fast_arithmetic(config.threads):
             _train(config, output, resolved)

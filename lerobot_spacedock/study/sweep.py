@@ -16,6 +16,7 @@ import torch
 from tqdm import tqdm
 
 from lerobot_spacedock.errors import InputError, MissingDependencyError
+from lerobot_spacedock.folders import disk_errors
 from lerobot_spacedock.study.config import SweepConfig
 from lerobot_spacedock.study.trial import run_trial
 
@@ -35,6 +36,11 @@ DIRECTIONS = ("maximize", "minimize")  # share of episodes in the IDSS box, smoo
 
 def sweep(config: SweepConfig) -> int:
     """Runs the verb; see the module."""
+    with disk_errors(Path(config.output_dir), "With room, the same command goes on."):
+        return _sweep(config)
+
+
+def _sweep(config: SweepConfig) -> int:
     torch.set_num_threads(1)  # trials are small: spread processes over the cores, not threads
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = open_study(config)
