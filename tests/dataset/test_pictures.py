@@ -1,5 +1,6 @@
 """Pictures that somebody made: what is no frame is refused by what its header says, before it costs anything."""
 
+import contextlib
 import io
 import struct
 import subprocess
@@ -63,3 +64,22 @@ def test_another_format_under_the_name_of_a_png_is_refused_and_starts_no_program
     (tmp_path / "img_traj_0_step_0.png").write_bytes(encoded(kind))
     with pytest.raises(FileFormatError, match=r"img_traj_0_step_0\.png: not readable as a picture"):
         read_picture(tmp_path / "img_traj_0_step_0.png")
+
+
+def test_a_chunk_that_claims_gigabytes_gets_no_room_for_them(tmp_path):
+    good = bytearray(encoded("png"))
+    good[33:37] = struct.pack(">I", 2**31 - 1)  # the length of IDAT
+    (tmp_path / "long.png").write_bytes(good)
+    tracemalloc.start()
+    with contextlib.suppress(FileFormatError):  # all its rows are there: it may be read
+        read_picture(tmp_path / "long.png")
+    peak_bytes = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak_bytes < 1e6
+
+
+def test_a_file_larger_than_any_picture_is_not_read_whole(tmp_path, monkeypatch):
+    monkeypatch.setattr("lerobot_spacedock.dataset.sources.pictures.LARGEST_BYTES", 500)
+    (tmp_path / "a.png").write_bytes(encoded("png"))
+    with pytest.raises(FileFormatError, match=r"a\.png: larger than"):
+        read_picture(tmp_path / "a.png")

@@ -12,6 +12,7 @@ from lerobot_spacedock.errors import FileFormatError, reading
 
 KINDS = ("PNG", "JPEG")  # of what Pillow reads, some start programs of their own (EPS) and none other is a frame
 LARGEST_PIXELS = 4096 * 4096
+LARGEST_BYTES = 128 << 20  # so many pixels of 16 bits a channel, not compressed at all
 
 
 def read_picture(file: Path) -> np.ndarray:
@@ -21,25 +22,24 @@ def read_picture(file: Path) -> np.ndarray:
         FileFormatError: missing, truncated, too large, or not a PNG or JPEG.
     """
     try:
-        return _decoded(file, file)
+        if file.stat().st_size > LARGEST_BYTES:
+            raise FileFormatError(f"{file}: larger than {LARGEST_BYTES >> 20} MiB, the most a picture takes.")
+        content = file.read_bytes()
     except FileNotFoundError:
         raise FileFormatError(f"{file}: missing.") from None
+    return decode_picture(content, file)
 
 
-def decode_picture(content: bytes, place: str) -> np.ndarray:
-    """The same of a picture that is held in another file.
+def decode_picture(content: bytes, place: Path | str) -> np.ndarray:
+    """The same of a picture that is in memory: Pillow makes room for what a chunk of a file on disk claims to hold.
 
     Args:
         content: a PNG or JPEG file; zeros after its end do no harm.
         place: for error messages.
     """
-    return _decoded(io.BytesIO(content), place)
-
-
-def _decoded(source: Path | io.BytesIO, place: Path | str) -> np.ndarray:
     from PIL import Image
 
-    with reading(place, "a picture"), Image.open(source, formats=KINDS) as picture:
+    with reading(place, "a picture"), Image.open(io.BytesIO(content), formats=KINDS) as picture:
         # what the header claims, before there is room made for it
         if picture.width * picture.height > LARGEST_PIXELS:
             raise FileFormatError(
