@@ -87,7 +87,8 @@ def _refuse_unused(config: ConvertConfig) -> None:
     plain = type(config)(config.source, config.repo_id)
     given = [f"--{name}" for name in UNUSED if getattr(config, name) != getattr(plain, name)]
     if given:
-        raise InputError("--format", f"v21 with {' '.join(given)}", "v21 alone: it converts all of it, as it is")
+        then = "Choose from it, cut it or scale it with spacedock convert --format=lerobot afterwards."
+        raise InputError("--format", f"v21 with {' '.join(given)}", "v21 alone: it converts all of it, as it is", then)
 
 
 def _described(root: Path) -> dict[str, schema.Column]:
