@@ -149,5 +149,5 @@ def test_what_is_refused(tmp_path, monkeypatch):
     with pytest.raises(FileFormatError, match="action of 5 values"):
         load_demonstrations(tmp_path / "short")
     pq.write_table(table.drop_columns(["action"]), file)
-    with pytest.raises(FileFormatError, match="cannot read"):
+    with pytest.raises(FileFormatError, match="not readable as demonstrations"):
         load_demonstrations(tmp_path / "short")

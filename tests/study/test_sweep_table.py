@@ -16,7 +16,7 @@ def trial(seed, number, docked):
         "closing_m_s": {"median": 0.07},
         "smoothness": {"mean": 1.2, "std": 0.1},
     }
-    point = {"seed": seed, "num_demonstrations": number, "steps": 2000}
+    point = {"seed": seed, "demonstrations": "kicked", "chunk_size": 5, "num_demonstrations": number, "steps": 2000}
     return {"point": point, "rows": [row, row | {"task": "SpaceDock-v0/same", "contact": 0}]}
 
 
