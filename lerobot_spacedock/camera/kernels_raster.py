@@ -65,7 +65,7 @@ def order_clusters(spheres, cones, rot, eye, view, width, height, finest, kept, 
 
 @jit(nogil=True)
 def _sort(n, near, kept):
-    """Sort the first ``n`` of both by ``near`` (shell sort: np.argsort takes ten times as long to compile)."""
+    """Sort the first ``n`` of both by ``near`` (shell sort: np.argsort takes much longer to compile)."""
     gap = 1
     while gap < n:
         gap = 3 * gap + 1

@@ -198,7 +198,7 @@ def test_what_lerobot_has_downloaded_is_checked_and_seen_where_it_is(hub, datase
     code = f"""
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot_spacedock.cli import main
-from lerobot_spacedock.report.dataset_reader import DatasetEpisode
+from lerobot_spacedock.dataset.stored_episode import DatasetEpisode
 root = LeRobotDataset("{REPO}", video_backend="pyav").root
 assert main(["check", "--repo_id={REPO}"]) == 0
 print(sum(1 for _ in DatasetEpisode(root, 1).frames()))

@@ -79,7 +79,7 @@ def test_a_document_nested_beyond_any_depth_is_refused_by_name(tmp_path, reader)
 
 
 def test_a_dataset_cannot_send_its_reader_elsewhere(tmp_path):
-    from lerobot_spacedock.report.dataset_reader import DatasetEpisode
+    from lerobot_spacedock.dataset.stored_episode import DatasetEpisode
 
     make_dataset(tmp_path)
     root = tmp_path / "dataset"

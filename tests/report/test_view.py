@@ -10,10 +10,10 @@ from PIL import Image
 from synthetic_logs import fly
 
 from lerobot_spacedock.dataset import schema
+from lerobot_spacedock.dataset.stored_episode import DatasetEpisode
 from lerobot_spacedock.episode_log import write_episode_log
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.physics.contact import ZVEZDA_AFT, contact_state
-from lerobot_spacedock.report.dataset_reader import DatasetEpisode
 from lerobot_spacedock.report.instruments import overlay, readings
 from lerobot_spacedock.report.interpolate import dense, slerp, states_at
 from lerobot_spacedock.report.video import film_times, write_film
