@@ -45,7 +45,7 @@ def root_of(path: Path) -> Path:
 
 def read_dataset(path: Path) -> object:
     from lerobot_spacedock.dataset.reader import DatasetReader
-    from lerobot_spacedock.report.dataset_reader import DatasetEpisode
+    from lerobot_spacedock.dataset.stored_episode import DatasetEpisode
 
     root = root_of(path)
     found = [episode.log().num_steps for episode in DatasetReader(root).iterate()]
