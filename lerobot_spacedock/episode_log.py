@@ -10,7 +10,6 @@ step; the last row is the terminal state, whose command, ``dt`` and ``reward`` a
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lerobot_spacedock.errors import FileFormatError
+from lerobot_spacedock.files import aside
 from lerobot_spacedock.physics.frames import ACTION_NAMES, STATE_NAMES
 
 COLUMNS = ("step", "time", "dt", *STATE_NAMES, *ACTION_NAMES, "reward")
@@ -95,13 +95,9 @@ def write_episode_log(path: Path | str, log: EpisodeLog) -> Path:
     for name, values in log.extra.items():
         columns[name] = pa.array(values, pa.float64()) if len(values) == rows else _with_null_end(values)
     table = pa.table(columns).replace_schema_metadata({"spacedock": json.dumps(log.metadata)})
-    aside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
+    with aside(path, shared=True) as own:
         # for files this small: half the time to read, half to write, and smaller than Arrow's defaults
-        pq.write_table(table, aside, compression="snappy", use_dictionary=False, write_statistics=False)
-        os.replace(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
+        pq.write_table(table, own, compression="snappy", use_dictionary=False, write_statistics=False)
     return path
 
 

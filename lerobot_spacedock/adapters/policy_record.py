@@ -11,8 +11,8 @@ from typing import Any
 
 from lerobot_spacedock.adapters.command_line import command_option
 from lerobot_spacedock.errors import FileFormatError
+from lerobot_spacedock.files import read_object
 from lerobot_spacedock.invocation import command_line
-from lerobot_spacedock.json_file import read_object
 
 UNTRAINED = ("spacedock_mpc", "spacedock_zem", "spacedock_feedback")
 LEARNT = "spacedock_meta_rl"

@@ -15,6 +15,7 @@ from lerobot_spacedock.dataset.licence import license_of
 from lerobot_spacedock.dataset.pictures_check import FrameStore
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.errors import FileFormatError
+from lerobot_spacedock.files import write_text
 
 STRIP_FILE = "frames.jpg"
 STRIP_FRAMES = 6
@@ -61,9 +62,7 @@ def write_card(root: Path, repo_id: str, *, license_id: str | None = None, tags:
     """Writes the strip of frames and ``README.md`` into the dataset."""
     write_strip(DatasetReader(root))
     path = root / "README.md"
-    aside = root / ".README.md.tmp"
-    aside.write_text(dataset_card(root, repo_id, license_id=license_id, tags=tags))
-    aside.rename(path)
+    write_text(path, dataset_card(root, repo_id, license_id=license_id, tags=tags))
     return path
 
 

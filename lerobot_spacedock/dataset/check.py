@@ -10,10 +10,10 @@ from tqdm import tqdm
 
 from lerobot_spacedock.dataset.findings import Report
 from lerobot_spacedock.dataset.integrity import check_dataset
-from lerobot_spacedock.dataset.job import write_json
 from lerobot_spacedock.dataset.residuals import TOLERANCES
 from lerobot_spacedock.dataset.roots import existing_root
 from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.files import write_json
 
 MAX_LINES = 30
 

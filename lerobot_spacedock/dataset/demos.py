@@ -21,7 +21,7 @@ from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, Noise
 from lerobot_spacedock.dataset.encoder import check_encoder
 from lerobot_spacedock.dataset.flight import fly
 from lerobot_spacedock.dataset.frames import drawing_options
-from lerobot_spacedock.dataset.job import Job, Plan, shard_count, write_json
+from lerobot_spacedock.dataset.job import Job, Plan, shard_count
 from lerobot_spacedock.dataset.record import DatasetLayout, Storage
 from lerobot_spacedock.dataset.roots import check_repo_id, dataset_root
 from lerobot_spacedock.dataset.scale import ExecutorConfig, run_executor
@@ -35,6 +35,7 @@ from lerobot_spacedock.env.scenario_config import get_initial_conditions
 from lerobot_spacedock.episode_log import log_path, read_episode_log, write_episode_log
 from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.expert.controllers import EXPERTS, make_expert
+from lerobot_spacedock.files import aside, write_json
 from lerobot_spacedock.folders import check_writable
 from lerobot_spacedock.invocation import command_line
 
@@ -292,8 +293,7 @@ def _copy_logs(kept: list[EpisodeRef], folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for ref in kept:
-            aside = folder / f".{Path(ref.path).name}.tmp"
-            shutil.copyfile(ref.path, aside)
-            aside.rename(folder / Path(ref.path).name)
+            with aside(folder / Path(ref.path).name) as own:
+                shutil.copyfile(ref.path, own)
     except OSError as error:
         raise SpaceDockError(f"--log_dir={folder}: writing failed ({error}).") from error

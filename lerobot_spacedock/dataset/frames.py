@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from lerobot_spacedock.camera import CameraConfig, SensorConfig, make_renderer
+from lerobot_spacedock.camera import CameraConfig, Renderer, SensorConfig, make_renderer
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.env.sunlight import SunPath
 from lerobot_spacedock.episode_log import EpisodeLog
@@ -17,6 +18,8 @@ from lerobot_spacedock.physics.frames import POSITION, QUATERNION
 
 class Artist:
     """A renderer that knows what an episode log is; it draws what the environment of that episode would show.
+
+    The renderer is made when the first picture is drawn, which may be never.
 
     Args:
         camera: keyword arguments of ``CameraConfig``; ``sensor`` those of ``SensorConfig``.
@@ -38,8 +41,17 @@ class Artist:
         camera["sensor"] = SensorConfig(**camera.get("sensor", {}))
         self.config = CameraConfig(**camera)
         self.sun = sun
-        pose = None if station_pose is None else np.reshape(station_pose, (4, 4))
-        self.renderer = make_renderer(self.config, renderer, station_mesh, pose)
+        self._backend, self._mesh = renderer, station_mesh
+        self._pose = None if station_pose is None else np.reshape(station_pose, (4, 4))
+
+    @cached_property
+    def renderer(self) -> Renderer:
+        """Made at the first use.
+
+        Raises:
+            InputError, FileFormatError, MissingDependencyError: as ``make_renderer``.
+        """
+        return make_renderer(self.config, self._backend, self._mesh, self._pose)
 
     def draw(self, log: EpisodeLog, first: int = 0, last: int | None = None) -> Iterator[np.ndarray]:
         """uint8 (height, width, 3) of the states ``first`` to ``last`` - 1; by default to the one before the end.
@@ -57,7 +69,8 @@ class Artist:
             yield self.renderer.render(state[POSITION], state[QUATERNION], sun.at(start_s + float(time_s)))
 
     def close(self) -> None:
-        self.renderer.close()
+        if "renderer" in vars(self):
+            self.renderer.close()
 
 
 def drawing_options(config: SpaceDockConfig) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from typing import Any
 from lerobot_spacedock.dataset.record import DatasetLayout
 from lerobot_spacedock.dataset.sources import EpisodeRef
 from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.files import write_json
 from lerobot_spacedock.folders import disk_errors, only_process
 from lerobot_spacedock.invocation import command_line
 
@@ -178,10 +179,3 @@ class Job:
 def shard_count(episodes: int, workers: int) -> int:
     """How many shards: some a worker, so that all cores stay busy to the end and little is lost to a kill."""
     return max(1, min(episodes, max(4 * max(workers, 1), -(-episodes // MAX_SHARD_EPISODES))))
-
-
-def write_json(path: Path, content: Any) -> None:
-    """Writes aside and renames."""
-    aside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    aside.write_text(json.dumps(content))
-    os.replace(aside, path)

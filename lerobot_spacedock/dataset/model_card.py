@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,8 @@ import numpy as np
 
 from lerobot_spacedock.dataset.card import CITATION
 from lerobot_spacedock.dataset.env_flags import cameras_of, env_flags
-from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.files import read_object, write_text
 from lerobot_spacedock.metrics.collect import measured
 from lerobot_spacedock.metrics.statistics import clopper_pearson
 
@@ -33,8 +33,8 @@ def write_model_card(
     """
     import yaml
 
-    policy = _read(folder / "config.json")
-    training = _read(folder / "train_config.json") if (folder / "train_config.json").exists() else {}
+    policy = read_object(folder / "config.json")
+    training = read_object(folder / "train_config.json") if (folder / "train_config.json").exists() else {}
     data = (training.get("dataset") or {}).get("repo_id")
     inputs = policy.get("input_features") or {}
     header: dict[str, Any] = {
@@ -61,9 +61,7 @@ def write_model_card(
         f"## Licence and citation\n\nLicence: {license_id}. The task is that of\n\n```bibtex\n{CITATION}\n```",
     ]
     path = folder / "README.md"
-    aside = folder / ".README.md.tmp"
-    aside.write_text("\n\n".join(parts) + "\n")
-    aside.rename(path)
+    write_text(path, "\n\n".join(parts) + "\n")
     return path
 
 
@@ -118,7 +116,7 @@ def _results(log_dir: str | None) -> tuple[list[str], str]:
 def _evaluation(log_dir: Path) -> str | None:
     """The command that the evaluation has left beside its logs."""
     path = log_dir / "policy.json"
-    return _read(path).get("command") if path.exists() else None
+    return read_object(path).get("command") if path.exists() else None
 
 
 def _training(policy: dict[str, Any], training: dict[str, Any]) -> str:
@@ -130,10 +128,3 @@ def _training(policy: dict[str, Any], training: dict[str, Any]) -> str:
     if training:
         lines.append("- every option: `train_config.json`")
     return "\n".join(lines) or "Not recorded: no `train_config.json`."
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return json.loads(path.read_text())
-    except ValueError as error:
-        raise FileFormatError(f"{path}: not JSON ({error}).") from error

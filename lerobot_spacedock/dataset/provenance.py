@@ -21,6 +21,7 @@ from lerobot_spacedock import __version__
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import FileFormatError
+from lerobot_spacedock.files import read_object
 from lerobot_spacedock.physics.frames import STATE_NAMES
 
 DATASET_FILE = "meta/spacedock.json"
@@ -145,13 +146,7 @@ def read_dataset_facts(root: Path) -> dict[str, Any]:
     path = root / DATASET_FILE
     if not path.exists():
         return {}
-    try:
-        found = json.loads(path.read_text())
-    except ValueError as error:
-        raise FileFormatError(f"{path}: not JSON ({error}).") from error
-    if not isinstance(found, dict):
-        raise FileFormatError(f"{path}: {type(found).__name__}, not a JSON object.")
-    return found
+    return read_object(path)
 
 
 def _optional(value: Any, kind: type) -> Any:

@@ -18,7 +18,7 @@ from lerobot_spacedock.dataset.provenance import EpisodeRows, episode_rows, read
 from lerobot_spacedock.dataset.statistics import column_array
 from lerobot_spacedock.episode_log import MAX_STATES, EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, reading
-from lerobot_spacedock.json_file import read_object
+from lerobot_spacedock.files import read_object
 
 INDEX_COLUMNS = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 BATCH_ROWS = 4096

@@ -11,12 +11,12 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 
 from lerobot_spacedock.dataset.frames import Artist
-from lerobot_spacedock.dataset.job import Job, Plan, write_json
+from lerobot_spacedock.dataset.job import Job, Plan
 from lerobot_spacedock.dataset.provenance import episode_row
 from lerobot_spacedock.dataset.record import DatasetRecorder
 from lerobot_spacedock.dataset.segments import Segment, pieces
@@ -24,6 +24,7 @@ from lerobot_spacedock.dataset.sources import EpisodeRef, LoadedEpisode, load
 from lerobot_spacedock.dataset.sources.pictures import resized
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.files import write_json
 
 SUMMARY_FILE = "shard.json"
 ASSUMED = ("times", "mass", "rewards")  # keys of a log's metadata, each a sentence where the source has none
@@ -78,7 +79,7 @@ def write_shard(root: Path | str, index: int, *, encoder_threads: int | None = N
     # a name of its own: a worker that was given up may still be writing the same shard
     aside = job.shards / f".shard_{index:06d}.{platform.node()}.{os.getpid()}"
     shutil.rmtree(aside, ignore_errors=True)
-    artist = _LazyArtist(plan.drawing)
+    artist = Artist(**(plan.drawing or {}))
     try:
         with (job.progress / str(index)).open("wb", buffering=0) as progress:
             summary = _write(plan, job.shard_refs(index), aside, artist, progress, encoder_threads)
@@ -105,28 +106,11 @@ def remove_stale(job: Job) -> None:
         shutil.rmtree(aside, ignore_errors=True)
 
 
-class _LazyArtist:
-    """Makes its renderer when the first frame has to be drawn, which may be never."""
-
-    def __init__(self, options: dict[str, Any] | None) -> None:
-        self.options = options
-        self.artist: Artist | None = None
-
-    def draw(self, log: EpisodeLog, first: int) -> Iterator[np.ndarray]:
-        if self.artist is None:
-            self.artist = Artist(**(self.options or {}))
-        return self.artist.draw(log, first)
-
-    def close(self) -> None:
-        if self.artist is not None:
-            self.artist.close()
-
-
 def _write(
     plan: Plan,
     refs: list[EpisodeRef],
     aside: Path,
-    artist: _LazyArtist,
+    artist: Artist,
     progress: BinaryIO,
     encoder_threads: int | None,
 ) -> ShardSummary:
@@ -169,7 +153,7 @@ def _frames(
     episode: LoadedEpisode,
     first: int,
     part: EpisodeLog,
-    artist: _LazyArtist,
+    artist: Artist,
     progress: BinaryIO,
     sizes: set[tuple[int, int]],
 ) -> Iterator[np.ndarray] | None:

@@ -8,13 +8,14 @@ float64; files are read batch by batch, so that memory does not grow with the da
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+
+from lerobot_spacedock.files import aside, write_json
 
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 HISTOGRAM_BINS = 1 << 16
@@ -133,7 +134,7 @@ def repair_statistics(root: Path | str) -> dict[str, dict[str, np.ndarray]]:
     stats = json.loads(path.read_text()) if path.exists() else {}
     for name, values in found.items():
         stats[name] = {key: value.tolist() for key, value in values.items()}
-    _replace_text(path, json.dumps(stats, indent=4))
+    write_json(path, stats, indent=4)
     _repair_episode_statistics(root, names)
     return found
 
@@ -141,11 +142,13 @@ def repair_statistics(root: Path | str) -> dict[str, dict[str, np.ndarray]]:
 def _repair_episode_statistics(root: Path, names: list[str]) -> None:
     rows = _episode_rows(root, names)
     for path in sorted((root / "meta" / "episodes").glob("chunk-*/file-*.parquet")):
-        aside = path.with_suffix(".tmp")
-        with pq.ParquetFile(path) as file, pq.ParquetWriter(aside, file.schema_arrow, compression="snappy") as writer:
+        with (
+            pq.ParquetFile(path) as file,
+            aside(path) as own,
+            pq.ParquetWriter(own, file.schema_arrow, compression="snappy") as writer,
+        ):
             for batch in file.iter_batches(batch_size=EPISODES_AT_ONCE):
                 writer.write_table(_with_statistics(pa.Table.from_batches([batch]), rows, names))
-        os.replace(aside, path)
 
 
 def _with_statistics(table: pa.Table, rows: _episode_rows, names: list[str]) -> pa.Table:
@@ -187,9 +190,3 @@ def next_rows(rows: _episode_rows, length: int) -> dict[str, np.ndarray]:
         rows.buffer = {name: values[taken:] for name, values in rows.buffer.items()}
         missing -= taken
     return {name: np.concatenate(part) for name, part in parts.items()}
-
-
-def _replace_text(path: Path, text: str) -> None:
-    aside = path.with_name(f".{path.name}.tmp")
-    aside.write_text(text)
-    os.replace(aside, path)

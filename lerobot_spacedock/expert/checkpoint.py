@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +13,7 @@ from lerobot_spacedock import __version__
 from lerobot_spacedock.errors import FileFormatError
 from lerobot_spacedock.expert.features import FEATURE_DIM
 from lerobot_spacedock.expert.network import ARCHITECTURE, ARCHITECTURE_VERSION, ActorNetwork, NetworkConfig
-from lerobot_spacedock.json_file import read_object
+from lerobot_spacedock.files import aside, read_object, write_json
 from lerobot_spacedock.physics.frames import ACTION_DIM
 
 _FOLDER = Path(__file__).parent / "checkpoints"
@@ -52,10 +50,9 @@ def save_actor(path: Path, network: ActorNetwork, training: dict[str, Any]) -> N
         "network": network.config.to_json(),
         "training": training,
     }
-    aside = path.with_suffix(".safetensors.part")
-    aside.write_bytes(save({k: v.detach().cpu().contiguous() for k, v in network.state_dict().items()}))
-    os.replace(aside, path)
-    write_json(path.with_suffix(".json"), description)
+    with aside(path) as own:
+        own.write_bytes(save({k: v.detach().cpu().contiguous() for k, v in network.state_dict().items()}))
+    write_json(path.with_suffix(".json"), description, indent=2, sort_keys=True)
 
 
 def load_actor(checkpoint: str | Path | None = None) -> tuple[ActorNetwork, dict[str, Any]]:
@@ -113,10 +110,3 @@ def training_counts(expert: str, checkpoint: str | Path | None = None) -> dict[s
         return None
     counts = {name: training.get(name) for name in ("episodes", "interactions")} if isinstance(training, dict) else {}
     return counts if counts and all(isinstance(count, int) for count in counts.values()) else None
-
-
-def write_json(path: Path, value: dict[str, Any]) -> None:
-    """Writes aside and renames."""
-    aside = path.with_suffix(path.suffix + ".part")
-    aside.write_text(json.dumps(value, indent=2, sort_keys=True) + "\n", encoding="utf-8")
-    os.replace(aside, path)

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from lerobot_spacedock.errors import FileFormatError, InputError, check_size, reading
-from lerobot_spacedock.json_file import read_object
+from lerobot_spacedock.files import read_object
 from lerobot_spacedock.physics.frames import ACTION_DIM, MASS, OBSERVATION_INDICES, STATE_DIM
 
 _COLUMNS = ["observation.state", "action", "episode_index", "frame_index"]

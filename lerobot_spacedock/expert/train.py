@@ -22,7 +22,7 @@ from tqdm import tqdm
 from lerobot_spacedock import __version__
 from lerobot_spacedock.env.config import TaskConfig
 from lerobot_spacedock.errors import InputError
-from lerobot_spacedock.expert.checkpoint import save_actor, write_json
+from lerobot_spacedock.expert.checkpoint import save_actor
 from lerobot_spacedock.expert.demonstrations import find_dataset
 from lerobot_spacedock.expert.evaluate import TASKS, VALIDATION_SEED, fly
 from lerobot_spacedock.expert.imitate import freeze_actor, imitate
@@ -37,6 +37,7 @@ from lerobot_spacedock.expert.train_state import (
     save_checkpoint,
 )
 from lerobot_spacedock.expert.training_tasks import TrainingTasks
+from lerobot_spacedock.files import write_json
 from lerobot_spacedock.folders import disk_errors, only_process
 
 __all__ = ["TrainExpertConfig", "train_expert"]
@@ -147,7 +148,7 @@ def _prepare(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) 
         find_dataset(config.init_from)
     output.mkdir(parents=True, exist_ok=True)
     if not checkpoints(output / "checkpoints"):
-        write_json(output / "config.json", resolved)
+        write_json(output / "config.json", resolved, indent=2, sort_keys=True)
 
 
 def _iterate(config, algorithm, tasks, progress, writer) -> None:
@@ -265,7 +266,8 @@ def _finish(config, algorithm, progress, output: Path, resolved: dict[str, Any])
     account["torch"] = torch.__version__
     account["spacedock"] = __version__
     save_actor(output / "policy.safetensors", export_actor(config, algorithm), {"config": resolved, **account})
-    write_json(output / "training.json", account | {"config": resolved, "curve": progress["curve"]})
+    record = account | {"config": resolved, "curve": progress["curve"]}
+    write_json(output / "training.json", record, indent=2, sort_keys=True)
     minutes = {name: progress[f"{name}_s"] / 60.0 for name in ("wall", "cpu", "collect", "learn", "evaluate")}
     print(
         f"{progress['episodes']} episodes, {progress['interactions']} interactions, {minutes['wall']:.1f} min "

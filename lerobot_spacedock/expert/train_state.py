@@ -18,10 +18,10 @@ from safetensors.torch import load_file, save
 from torch import Tensor
 
 from lerobot_spacedock.errors import FileFormatError, reading
-from lerobot_spacedock.expert.checkpoint import save_actor, write_json
+from lerobot_spacedock.expert.checkpoint import save_actor
 from lerobot_spacedock.expert.network import ActorNetwork, NetworkConfig
 from lerobot_spacedock.expert.train_config import TrainExpertConfig
-from lerobot_spacedock.json_file import read_object
+from lerobot_spacedock.files import read_object, write_json
 
 STATE_VERSION = 1
 KEPT_CHECKPOINTS = 2
@@ -63,6 +63,8 @@ def save_checkpoint(
             "progress": progress,
             "learning_rate": algorithm.learning_rate,
         },
+        indent=2,
+        sort_keys=True,
     )
     shutil.rmtree(target, ignore_errors=True)
     os.replace(aside, target)

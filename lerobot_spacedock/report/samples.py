@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_spacedock.errors import FileFormatError, InputError
-from lerobot_spacedock.json_file import read_object
+from lerobot_spacedock.files import read_object
 from lerobot_spacedock.report.model import Samples
 from lerobot_spacedock.report.runs import split_pairs
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.files import aside
 from lerobot_spacedock.metrics.episode import hill_coupled, port_of
 from lerobot_spacedock.physics.frames import state_from_dataset_units
 from lerobot_spacedock.report.instruments import frame_readings, overlay
@@ -61,19 +61,15 @@ def write_film(path: Path, pictures: Iterable[np.ndarray], fps: float) -> Path:
     if path.suffix.lower() not in SUFFIXES:
         raise InputError("--video", str(path), f"a file that ends in {' or '.join(SUFFIXES)}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
-        (_write_mp4 if path.suffix.lower() == ".mp4" else _write_gif)(aside, pictures, fps)
-        os.replace(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
+    with aside(path, shared=True) as own:
+        (_write_mp4 if path.suffix.lower() == ".mp4" else _write_gif)(own, pictures, fps)
     return path
 
 
 def _write_mp4(path: Path, pictures: Iterable[np.ndarray], fps: float) -> None:
     import av
 
-    with av.open(str(path), "w") as container:
+    with av.open(str(path), "w", format="mp4") as container:
         stream = None
         for picture in _held(pictures, round(HOLD_LAST_s * fps)):
             if stream is None:
@@ -90,7 +86,9 @@ def _write_gif(path: Path, pictures: Iterable[np.ndarray], fps: float) -> None:
     images = [Image.fromarray(p).quantize(GIF_COLOURS, dither=Image.Dither.NONE) for p in pictures]
     step = round(1000 / fps)
     durations = [step] * (len(images) - 1) + [round(1000 * HOLD_LAST_s)]
-    images[0].save(path, save_all=True, append_images=images[1:], duration=durations, loop=0, optimize=True)
+    images[0].save(
+        path, format="GIF", save_all=True, append_images=images[1:], duration=durations, loop=0, optimize=True
+    )
 
 
 def _held(pictures: Iterable[np.ndarray], extra: int) -> Iterator[np.ndarray]:

@@ -13,6 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from lerobot_spacedock.camera.config import BACKENDS, CameraConfig, one_of
+from lerobot_spacedock.dataset.frames import Artist
 from lerobot_spacedock.dataset.stored_episode import DatasetEpisode
 from lerobot_spacedock.episode_log import EpisodeLog, read_episode_log
 from lerobot_spacedock.errors import FileFormatError, InputError, reading
@@ -64,7 +65,7 @@ def view(cfg: ViewConfig) -> int:
     source = DatasetEpisode(cfg.dataset, cfg.episode) if cfg.dataset else None
     log = source.log() if source else read_episode_log(cfg.log)
     name = f"{cfg.dataset.name}, episode {cfg.episode}" if source else cfg.log.name
-    artist = LazyArtist(cfg, log.metadata)
+    artist = StatedArtist(cfg, log.metadata)
     try:
         if cfg.render is not None:
             _write_picture(cfg, log, artist, _caption(log, name))
@@ -101,15 +102,15 @@ def _as_stated(place: Path) -> Iterator[None]:
         raise FileFormatError(f"{place}: {error}") from error
 
 
-class LazyArtist:
-    """Draws states as the log's environment would have; the renderer is made when the first picture is asked for."""
+class StatedArtist:
+    """Draws states as the log's environment would have, by what the log states of it."""
 
     def __init__(self, cfg: ViewConfig, metadata: Mapping[str, Any]) -> None:
-        self._place, self._artist = cfg.dataset or cfg.log, None
+        self._place = cfg.dataset or cfg.log
         with _as_stated(self._place):
-            self._read(cfg, metadata)
+            self._artist = self._read(cfg, metadata)
 
-    def _read(self, cfg: ViewConfig, metadata: Mapping[str, Any]) -> None:
+    def _read(self, cfg: ViewConfig, metadata: Mapping[str, Any]) -> Artist:
         config = metadata.get("config")
         config = config if isinstance(config, Mapping) else {}
         stated = config.get("camera")
@@ -119,29 +120,23 @@ class LazyArtist:
         if cfg.video is not None and cfg.height is None and cfg.width is None:
             camera |= _film_size(camera)
         self.vfov_deg = float(camera.get("vfov_deg", CameraConfig.vfov_deg))
-        self._options = {"camera": camera, "renderer": cfg.renderer, "sun": config.get("sun") or "fixed"}
-        self._options |= {key: config.get(key) for key in ("station_mesh", "station_pose")}
+        options = {"camera": camera, "renderer": cfg.renderer, "sun": config.get("sun") or "fixed"}
+        return Artist(**options, **{key: config.get(key) for key in ("station_mesh", "station_pose")})
 
     def draw(self, log: EpisodeLog, first: int, last: int) -> Iterator[np.ndarray]:
         """uint8 (H, W, 3) of the states ``first`` to ``last`` − 1."""
-        with _as_stated(self._place):
-            if self._artist is None:
-                from lerobot_spacedock.dataset.frames import Artist
-
-                self._artist = Artist(**self._options)
-            pictures = self._artist.draw(log, first, last)
+        pictures = self._artist.draw(log, first, last)
         for _ in range(first, last):
             with _as_stated(self._place):
                 picture = next(pictures)
             yield picture
 
     def close(self) -> None:
-        if self._artist is not None:
-            self._artist.close()
+        self._artist.close()
 
 
 def _frames(
-    cfg: ViewConfig, log: EpisodeLog, source: DatasetEpisode | None, artist: LazyArtist
+    cfg: ViewConfig, log: EpisodeLog, source: DatasetEpisode | None, artist: StatedArtist
 ) -> Iterator[np.ndarray]:
     if not cfg.camera:
         return iter(())
@@ -151,7 +146,7 @@ def _frames(
     return iter(tqdm(drawn, total=len(log.time), unit="frame", desc="drawing"))
 
 
-def _write_picture(cfg: ViewConfig, log: EpisodeLog, artist: LazyArtist, caption: str) -> None:
+def _write_picture(cfg: ViewConfig, log: EpisodeLog, artist: StatedArtist, caption: str) -> None:
     from PIL import Image
 
     seconds = float(log.time[-1]) if cfg.at is None else cfg.at

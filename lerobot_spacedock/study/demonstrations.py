@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,7 @@ from lerobot_spacedock.dataset.statistics import vector_statistics
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.expert.checkpoint import GENTLE, find_checkpoint
 from lerobot_spacedock.expert.controllers import make_expert
+from lerobot_spacedock.files import aside
 
 _KICKS = KickConfig(probability=0.12)
 # what each kind changes of `spacedock demos`
@@ -140,9 +140,8 @@ def demonstrations(config: DemosConfig, cache: Path | None = None) -> Frames:
     frames = _fly(config)
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        aside = path.with_name(f".{path.stem}.{os.getpid()}.tmp.npz")
-        np.savez_compressed(aside, **vars(frames))
-        aside.rename(path)
+        with aside(path, shared=True) as own, own.open("wb") as stream:
+            np.savez_compressed(stream, **vars(frames))
     return frames
 
 

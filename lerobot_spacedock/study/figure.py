@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections import defaultdict
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -13,10 +11,11 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from lerobot_spacedock.errors import InputError, reading
+from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.physics.contact import IDSS
 from lerobot_spacedock.report.figures.style import INK, LIMIT, Figure, Panel, run_style, write_paper_files
 from lerobot_spacedock.report.paper import ACCURACY, SMOOTHNESS
+from lerobot_spacedock.study.results import read_trials
 
 PAPERS_TASK = "SpaceDock-v0/same"
 PAPERS_ACT = (SMOOTHNESS[1].mean, ACCURACY[1].distance_m[0])  # its rollouts from `same` starts
@@ -62,39 +61,6 @@ def sweep_figure(config: FigureConfig) -> int:
     for path in write_paper_files(Figure(config.key, title, title, panels, columns=len(kinds)), Path(config.out)):
         print(f"Wrote {path}")
     return 0
-
-
-def read_trials(paths: Sequence[Path]) -> list[dict[str, Any]]:
-    """The trials of result files, in order.
-
-    Raises:
-        InputError: no file was named, or one is not there.
-        FileFormatError: one is no result of a sweep.
-    """
-    if not paths:
-        raise InputError("--results", "nothing", "one JSON file or more, as spacedock sweep writes them")
-    trials = []
-    for path in paths:
-        if not path.is_file():
-            raise InputError("--results", str(path), "an existing file")
-        with reading(path, "a result of spacedock sweep"):
-            found = json.loads(path.read_text(encoding="utf-8"))["trials"]
-            for task in {row["task"] for trial in found for row in trial["rows"]}:
-                _check_curves(frontier(found, task))
-        trials += found
-    return trials
-
-
-def _check_curves(curves: dict) -> None:
-    """Raises ValueError where a curve's names or numbers are none: those that are drawn stand on logarithmic axes."""
-    for (kind, chunk), rows in curves.items():
-        if not (isinstance(kind, str) and isinstance(chunk, int)):
-            raise ValueError(f"demonstrations {kind!r}, chunk {chunk!r}")
-        for coefficient, numbers in rows.items():
-            if not isinstance(coefficient, float | int | None):
-                raise ValueError(f"coefficient {coefficient!r}")
-            if not all((values >= 0.0).all() and np.isfinite(values).all() for values in numbers):
-                raise ValueError(f"smoothness and distance {numbers!r}")
 
 
 def frontier(

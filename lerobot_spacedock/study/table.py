@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_spacedock.errors import SpaceDockError
-from lerobot_spacedock.study.figure import read_trials
+from lerobot_spacedock.study.results import read_trials
 
 Rows = dict[tuple[Any, ...], list[dict[str, Any]]]
 
@@ -26,12 +26,12 @@ def group(trials: list[dict[str, Any]], tasks: Sequence[str] = ()) -> tuple[list
         tasks: keep these alone; none keeps all.
     """
     names = list(trials[0]["point"]) if trials else []
-    vary = [name for name in names if name != "seed" and len({trial["point"][name] for trial in trials}) > 1]
+    vary = [name for name in names if name != "seed" and len({trial["point"].get(name) for trial in trials}) > 1]
     found: Rows = defaultdict(list)
     for trial in sorted(trials, key=lambda trial: trial["point"]["seed"]):
         for row in trial["rows"]:
             if not tasks or row["task"] in tasks:
-                key = (*(trial["point"][name] for name in vary), row["task"], row["coefficient"])
+                key = (*(trial["point"].get(name) for name in vary), row["task"], row["coefficient"])
                 found[key].append(row)
     return vary, found
 

@@ -13,11 +13,12 @@ import pytest
 
 from lerobot_spacedock.dataset.convert import ConvertConfig, _plan, convert
 from lerobot_spacedock.dataset.integrity import check_dataset
-from lerobot_spacedock.dataset.job import Job, write_json
+from lerobot_spacedock.dataset.job import Job
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.dataset.scale import ExecutorConfig, Submitted, unfinished
 from lerobot_spacedock.dataset.shards import write_shard
 from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.files import write_json
 
 
 def config(log_folder, root, **options) -> ConvertConfig:

@@ -205,16 +205,20 @@ def read_training(path: Path) -> object:
 
 
 def make_results(folder: Path) -> list:
-    row = {"task": "t", "coefficient": 0.01, "smoothness": {"mean": 1.0}, "distance_m": {"mean": 0.1}}
-    trials = [{"point": {"demonstrations": "clean", "chunk_size": n}, "rows": [row] * 2} for n in (5, 10)]
+    row = {"task": "t", "coefficient": 0.01, "episodes": 2, "idss": 1, "contact": 2, "closing_m_s": {"median": 0.1}}
+    row |= {"smoothness": {"mean": 1.0}, "distance_m": {"mean": 0.1, "p95": 0.2}}
+    trials = [{"point": {"seed": 0, "demonstrations": "clean", "chunk_size": n}, "rows": [row] * 2} for n in (5, 10)]
     (folder / "sweep.json").write_text(json.dumps({"name": "a", "trials": trials}))
     return [(folder / "sweep.json", mutations.json_text)]
 
 
 def read_results(path: Path) -> object:
-    from lerobot_spacedock.study.figure import frontier, read_trials
+    from lerobot_spacedock.study.figure import frontier
+    from lerobot_spacedock.study.results import read_trials
+    from lerobot_spacedock.study.table import table
 
-    return frontier(read_trials([path]), "t")
+    trials = read_trials([path])
+    return frontier(trials, "t"), table(trials)
 
 
 def make_mesh(folder: Path) -> list:

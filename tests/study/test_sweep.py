@@ -18,7 +18,8 @@ from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.expert.controllers import make_expert
 from lerobot_spacedock.study import sweep as sweep_module
 from lerobot_spacedock.study.config import SweepConfig
-from lerobot_spacedock.study.figure import FigureConfig, frontier, read_trials, sweep_figure
+from lerobot_spacedock.study.figure import FigureConfig, frontier, sweep_figure
+from lerobot_spacedock.study.results import read_trials
 from lerobot_spacedock.study.rollout import env_config
 from lerobot_spacedock.study.summarize import main
 from lerobot_spacedock.study.sweep import OWNER, POINT, open_study, requeue_abandoned, sweep
@@ -48,7 +49,9 @@ def result_of(point, config):
             "coefficient": c,
             "episodes": 100,
             "idss": 100 - point["chunk_size"],
-            "distance_m": {"mean": 0.01 * point["chunk_size"] + 0.001 * point["seed"]},
+            "contact": 100,
+            "distance_m": {"mean": 0.01 * point["chunk_size"] + 0.001 * point["seed"], "p95": 0.5},
+            "closing_m_s": {"median": 0.08},
             "smoothness": {"mean": 1.5 - c, "std": 0.1},
         }
         for task in config.tasks
@@ -185,10 +188,26 @@ def test_a_file_that_is_no_result_is_named(tmp_path):
     path.write_text(json.dumps([1, 2]))
     with pytest.raises(FileFormatError, match=r"other\.json"):
         read_trials([path])
-    row = {"task": "t", "coefficient": 0.01, "smoothness": {"mean": float("nan")}, "distance_m": {"mean": 0.1}}
-    path.write_text(json.dumps({"trials": [{"point": {"demonstrations": "clean", "chunk_size": 5}, "rows": [row]}]}))
-    with pytest.raises(FileFormatError, match=r"other\.json.*smoothness"):
-        read_trials([path])
+    row = {"task": "t", "coefficient": 0.01, "episodes": 2, "idss": 1, "contact": 2, "closing_m_s": {"median": None}}
+    row |= {"smoothness": {"mean": 1.3}, "distance_m": {"mean": 0.1, "p95": 0.2}}
+    point = {"seed": 0, "demonstrations": "clean", "chunk_size": 5}
+
+    def write(**other):
+        path.write_text(json.dumps({"trials": [{"point": point, "rows": [row | other]}]}))
+
+    write()
+    assert read_trials([path]) == [{"point": point, "rows": [row]}]
+    for other, named in (
+        ({"smoothness": {"mean": float("nan")}}, "smoothness"),
+        ({"distance_m": {"mean": 0.1}}, "p95"),
+        ({"contact": 3}, "contact"),
+        ({"episodes": 0, "idss": 0, "contact": 0}, "episodes"),
+        ({"coefficient": "a"}, "str"),
+        ({"closing_m_s": None}, "NoneType"),
+    ):
+        write(**other)
+        with pytest.raises(FileFormatError, match=rf"other\.json.*{named}"):
+            read_trials([path])
     with pytest.raises(InputError, match=r"missing\.json"):
         read_trials([tmp_path / "missing.json"])
 

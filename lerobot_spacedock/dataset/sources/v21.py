@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,12 +19,13 @@ import pyarrow.parquet as pq
 
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.card import write_card
-from lerobot_spacedock.dataset.job import Job, write_json
+from lerobot_spacedock.dataset.job import Job
 from lerobot_spacedock.dataset.licence import stated_license
 from lerobot_spacedock.dataset.provenance import write_dataset_facts
 from lerobot_spacedock.dataset.record import datasets_cache, prepare_libraries
 from lerobot_spacedock.dataset.statistics import repair_statistics
 from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.files import aside, write_json
 from lerobot_spacedock.invocation import command_line
 
 if TYPE_CHECKING:
@@ -143,9 +143,8 @@ def mend_times(root: Path) -> bool:
         ):
             if name not in table.column_names:
                 table = table.append_column(name, pa.array(values, pa.float32()))
-        aside = file.with_suffix(".tmp")
-        pq.write_table(table.replace_schema_metadata(_extended_metadata(table)), aside)
-        os.replace(aside, file)
+        with aside(file) as own:
+            pq.write_table(table.replace_schema_metadata(_extended_metadata(table)), own)
     for name in (schema.SIM_TIME, schema.CONTROL_DT):
         info["features"].setdefault(name, schema.columns(image=False)[name].as_feature() | {"shape": [1]})
     write_json(path, info)
