@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +11,9 @@ from lerobot_spacedock.dataset.findings import Report
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.residuals import TOLERANCES
 from lerobot_spacedock.dataset.roots import existing_root
-from lerobot_spacedock.errors import InputError
-from lerobot_spacedock.files import write_json
+from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.files import read_object, write_json
+from lerobot_spacedock.folders import check_writable
 
 MAX_LINES = 30
 
@@ -43,17 +43,28 @@ def check(config: CheckConfig) -> int:
     if config.sample_frames < 0:
         raise InputError("--sample_frames", config.sample_frames, "0 or more")
     root = existing_root(config.repo_id, config.root, downloaded=True)
-    total = json.loads((root / "meta" / "info.json").read_text()).get("total_episodes")
-    with tqdm(total=total, unit="episode", desc="Checking") as bar:
+    if config.json is not None:
+        check_writable(Path(config.json).parent, "--json")  # it is used last
+    with tqdm(total=_stated_episodes(root), unit="episode", desc="Checking") as bar:
         report = check_dataset(root, sample_frames=config.sample_frames, redraw=config.redraw, progress=bar.update)
     print(text_of(report, root))
     if config.json is not None:
+        Path(config.json).parent.mkdir(parents=True, exist_ok=True)
         write_json(Path(config.json), report.to_dict())
         print(f"Wrote {config.json}")
     passed = report.ok and not (config.strict and report.warnings)
     if passed:
         print(f"Next: lerobot-train --dataset.repo_id={config.repo_id or 'user/name'} --dataset.root={root} …")
     return 0 if passed else 1
+
+
+def _stated_episodes(root: Path) -> int | None:
+    """For the bar; None where the dataset does not say, which is for the check to judge."""
+    try:
+        total = read_object(root / "meta" / "info.json").get("total_episodes")
+    except FileFormatError:
+        return None
+    return total if isinstance(total, int) else None
 
 
 def text_of(report: Report, root: Path) -> str:

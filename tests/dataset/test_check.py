@@ -156,6 +156,21 @@ def test_the_verb_fails_for_a_pipeline_and_writes_its_report(good, copy, tmp_pat
         check(CheckConfig(root=str(tmp_path)))
 
 
+@pytest.mark.parametrize("content", ["{", "[1]", '{"total_episodes": "many"}'])
+def test_the_verb_says_what_is_wrong_with_a_damaged_description(copy, tmp_path, content, capsys):
+    (copy / "meta" / "info.json").write_text(content)
+    assert check(CheckConfig(root=str(copy), json=str(tmp_path / "new" / "bad.json"))) == 1
+    assert "info.json" in capsys.readouterr().out
+    assert json.loads((tmp_path / "new" / "bad.json").read_text())["ok"] is False
+
+
+def test_a_report_that_cannot_be_written_is_said_before_the_check(good, tmp_path, capsys):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(InputError, match=r"--json.*a folder that can be written"):
+        check(CheckConfig(root=str(good), json=str(tmp_path / "file" / "report.json")))
+    assert "episodes" not in capsys.readouterr().out
+
+
 @pytest.mark.render
 @pytest.mark.parametrize("kind", ["video", "image"])
 def test_pictures_are_drawn_again_and_a_shifted_one_is_found(flights, tmp_path, kind):

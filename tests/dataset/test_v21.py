@@ -13,7 +13,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot_spacedock.camera import CameraConfig
 from lerobot_spacedock.dataset.convert import ConvertConfig, convert
 from lerobot_spacedock.dataset.integrity import check_dataset
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.physics.frames import ACTION_NAMES, STATE_NAMES
 
 
@@ -100,6 +100,14 @@ def test_a_v3_dataset_is_not_taken_for_an_old_one(flights, tmp_path):
     info = json.loads((tmp_path / "old" / "meta" / "info.json").read_text())
     (tmp_path / "old" / "meta" / "info.json").write_text(json.dumps(info | {"codebase_version": "v3.0"}))
     with pytest.raises(InputError, match=r"v2\.1"):
+        convert(ConvertConfig(str(tmp_path / "old"), "test/new", format="v21", root=str(tmp_path / "new")))
+
+
+@pytest.mark.parametrize("content", ["{", "[1]"])
+def test_a_damaged_description_is_named(tmp_path, content):
+    (tmp_path / "old" / "meta").mkdir(parents=True)
+    (tmp_path / "old" / "meta" / "info.json").write_text(content)
+    with pytest.raises(FileFormatError, match=r"old/meta/info\.json: "):
         convert(ConvertConfig(str(tmp_path / "old"), "test/new", format="v21", root=str(tmp_path / "new")))
 
 

@@ -25,7 +25,7 @@ from lerobot_spacedock.dataset.provenance import write_dataset_facts
 from lerobot_spacedock.dataset.record import datasets_cache, prepare_libraries
 from lerobot_spacedock.dataset.statistics import repair_statistics
 from lerobot_spacedock.errors import FileFormatError, InputError
-from lerobot_spacedock.files import aside, write_json
+from lerobot_spacedock.files import aside, read_object, write_json
 from lerobot_spacedock.invocation import command_line
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def convert_v21(config: ConvertConfig, root: Path) -> int:
     info_path = source / "meta" / "info.json"
     if not info_path.exists():
         raise InputError("--source", str(source), "the folder of a LeRobotDataset v2.1 (it holds meta/info.json)")
-    version = json.loads(info_path.read_text()).get("codebase_version")
+    version = read_object(info_path).get("codebase_version")
     if version != "v2.1":
         raise InputError("--source", f"{source}, {version}", "a LeRobotDataset v2.1", "v3.0 needs no conversion.")
     _refuse_unused(config)
