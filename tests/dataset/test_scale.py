@@ -9,6 +9,8 @@ import time
 
 import numpy as np
 import psutil
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from lerobot_spacedock.dataset.convert import ConvertConfig, _plan, convert
@@ -186,7 +188,7 @@ def test_slurm_is_not_given_the_same_work_twice(log_folder, tmp_path, monkeypatc
 
 
 def test_many_shards_are_merged_a_few_at_a_time(log_folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("lerobot_spacedock.dataset.assemble.MERGE_AT_ONCE", 2)
+    monkeypatch.setattr("lerobot_spacedock.dataset.merge.MERGE_AT_ONCE", 2)
     convert(config(log_folder, tmp_path / "parts", num_workers=1, executor=ExecutorConfig()))
     monkeypatch.undo()
     convert(config(log_folder, tmp_path / "once", num_workers=1))
@@ -197,6 +199,28 @@ def test_many_shards_are_merged_a_few_at_a_time(log_folder, tmp_path, monkeypatc
         np.testing.assert_allclose(parts["action"][key], values, rtol=1e-9, atol=1e-9)
 
 
+def test_episodes_of_many_metadata_files_are_all_merged(log_folder, tmp_path, monkeypatch):
+    """LeRobot's own append writes the wrong file's number into the rows of a new one, and its next merge loses them."""
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    monkeypatch.setattr("lerobot_spacedock.dataset.merge.MERGE_AT_ONCE", 2)
+    monkeypatch.setattr("lerobot_spacedock.dataset.merge.EPISODES_A_FILE", 3)
+    convert(config(log_folder, tmp_path / "many", num_workers=1))
+    monkeypatch.undo()
+    convert(config(log_folder, tmp_path / "one", num_workers=1))
+    files = {name: sorted((tmp_path / name / "meta" / "episodes").rglob("*.parquet")) for name in ("many", "one")}
+    assert len(files["one"]) == 1 < len(files["many"])
+    many, one = (pa.concat_tables(pq.read_table(path) for path in files[name]).to_pylist() for name in ("many", "one"))
+    assert [row.pop("meta/episodes/file_index") for row in many] == sorted(
+        number for number, path in enumerate(files["many"]) for _ in range(pq.read_metadata(path).num_rows)
+    )
+    assert [row["length"] for row in many] == [row["length"] for row in one]
+    assert [row["dataset_to_index"] for row in many] == [row["dataset_to_index"] for row in one]
+    dataset = LeRobotDataset("test/many", root=tmp_path / "many")
+    assert (dataset.num_episodes, dataset.num_frames) == (len(one), one[-1]["dataset_to_index"])
+    assert check_dataset(tmp_path / "many").errors == []
+
+
 def test_executors_say_what_they_need():
     with pytest.raises(InputError, match=r"--executor\.kind"):
         ExecutorConfig("cloud")
@@ -204,3 +228,6 @@ def test_executors_say_what_they_need():
         ExecutorConfig("slurm")
     with pytest.raises(InputError, match=r"--executor\.time"):
         ExecutorConfig("ray", time="two hours")
+    for name in ("cpus_per_task", "mem_per_cpu_gb", "retries"):
+        with pytest.raises(InputError, match=rf"--executor\.{name}: got -1"):
+            ExecutorConfig("ray", **{name: -1})
