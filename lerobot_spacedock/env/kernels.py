@@ -15,7 +15,6 @@ from numba import prange
 from lerobot_spacedock.env.random import STREAM_NEXT, STREAM_NOISE, bits, normal_pair
 from lerobot_spacedock.env.reward import STEP_TERMS, step_terms, wanted_closing_speed, weight_scalars
 from lerobot_spacedock.env.scenario import (
-    SENSOR_BIAS,
     SENSOR_DIM,
     SENSOR_NOISE,
     SENSOR_RANGE_NOISE,
@@ -55,7 +54,7 @@ from lerobot_spacedock.physics.block import (
     put14,
 )
 from lerobot_spacedock.physics.chaser import PARAMETER_DIM
-from lerobot_spacedock.physics.frames import ACTION_DIM, STATE_DIM
+from lerobot_spacedock.physics.frames import ACTION_DIM, RAD_TO_DEG, STATE_DIM
 from lerobot_spacedock.physics.propagate import propagate_block, propagate_row
 from lerobot_spacedock.physics.rigid_body import (
     axpy,
@@ -63,8 +62,6 @@ from lerobot_spacedock.physics.rigid_body import (
     rotate_vector_inverse,
     rotation_vector_to_quaternion,
 )
-
-RAD_TO_DEG = 180.0 / math.pi
 
 # rows of a block beside those of the propagation
 PREVIOUS = BLOCK_ROWS  # 6, the command before
@@ -274,7 +271,8 @@ def observe_rows(first, last, sim, out, columns):
             k, i = np.uintp(lane), np.uintp(start + lane)
             for j in range(STATE_DIM):
                 put(block, j, k, sim.state[i, j])
-            blurred |= sim.sensor[i, SENSOR_NOISE] > 0.0 or sim.sensor[i, SENSOR_BIAS] != 0.0
+            for j in range(SENSOR_DIM):
+                blurred |= sim.sensor[i, j] != 0.0
         if blurred:
             _draw_noise(block, start, lanes, sim)
             _add_sensor_errors(block, lanes)

@@ -85,7 +85,7 @@ def draw_chaser(key, ranges, parameters, i):
     parameters[i, at + 5] = parameters[i, at + 7] = jyz
     _invert_symmetric(parameters, i)
     parameters[i, p.SIMPLE] = 0.0
-    if jxy == 0.0 and jxz == 0.0 and jyz == 0.0 and ranges[1] == 0.0:
+    if jxy == 0.0 and jxz == 0.0 and jyz == 0.0 and ranges[1] == 0.0 and ranges[9] == 0.0:
         parameters[i, p.SIMPLE] = 1.0
 
     a, b = normal_pair(key, STREAM_CHASER, 50)

@@ -11,6 +11,7 @@ from lerobot_spacedock.env.random import STREAM_START, bits, normal_pair, unifor
 from lerobot_spacedock.env.scenario_config import MetaRanges
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.physics import chaser as p
+from lerobot_spacedock.physics.frames import state_to_dataset_units
 
 COUNT = 3000
 
@@ -101,6 +102,45 @@ def test_sensor_noise_has_the_stated_spread():
     distance = np.linalg.norm(batch.sim.state[:, :3], axis=1, keepdims=True)
     assert stats.kstest((errors / (0.01 + 0.001 * distance)).ravel(), stats.norm.cdf).pvalue > 1e-4
     assert np.array_equal(observed, batch.observe(np.arange(14)))  # reading again draws nothing new
+
+
+# a meta distribution of nominal chasers with perfect sensors, into which a test puts what it looks at
+NOTHING = {name: 0.0 for name in MetaRanges.__dataclass_fields__} | {"thrust_scale": (1, 1), "torque_scale": (1, 1)}
+
+
+@pytest.mark.parametrize(
+    ("name", "columns"),
+    [
+        ("position_bias_m", [0, 1, 2]),
+        ("position_noise_m", [0, 1, 2]),
+        ("position_noise_fraction", [0, 1, 2]),
+        ("velocity_bias_m_s", [3, 4, 5]),
+        ("velocity_noise_m_s", [3, 4, 5]),
+        ("attitude_bias_deg", [7, 8, 9, 10]),
+        ("attitude_noise_deg", [7, 8, 9, 10]),
+        ("rate_bias_deg_s", [11, 12, 13]),
+        ("rate_noise_deg_s", [11, 12, 13]),
+    ],
+)
+def test_each_sensor_error_acts_alone(name, columns):
+    batch = BatchedSpaceDock(50, TaskConfig(dynamics="meta", meta=MetaRanges(**NOTHING | {name: 0.01})))
+    batch.reset(np.arange(50))
+    wrong = batch.observe(np.arange(14)) != state_to_dataset_units(batch.sim.state).astype(np.float32)
+    assert wrong[:, columns].any(axis=1).all()
+    assert not np.delete(wrong, columns, axis=1).any()
+
+
+def test_an_offset_centre_of_mass_acts_alone():
+    """A cube, nominal but for the offset d: thrust T turns it at -d × T / J."""
+    ranges = MetaRanges(**NOTHING | {"com_offset_m": 0.02})
+    batch = BatchedSpaceDock(40, TaskConfig(dynamics="meta", meta=ranges, time_step="fixed"))
+    batch.reset(np.arange(40))
+    thrust = np.array([10.0, -20.0, 5.0])
+    batch.step(np.tile([*thrust, 0.0, 0.0, 0.0], (40, 1)))
+    offset = batch.sim.parameters[:, p.COM_OFFSET : p.COM_OFFSET + 3]
+    assert np.abs(offset).max() > 0.01
+    expected = np.cross(-offset, thrust) / (2000.0 / 3.0) * 0.907
+    np.testing.assert_allclose(batch.sim.state[:, 11:], expected, rtol=1e-9, atol=1e-15)
 
 
 def test_step_lengths_are_those_of_the_rollouts():
