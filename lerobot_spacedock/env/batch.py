@@ -162,11 +162,10 @@ class BatchedSpaceDock:
         report: dict[str, np.ndarray] = {}
         if ended.size:
             self._refuse_broken(ended)
-            report = self.report(sim.state[ended])
-            miss = report["lateral_m"]
-            if not self.config.contact:
-                miss = np.hypot(miss, report["axial_m"])
-            counts = (sim.code[ended] == CONTACT) | (sim.code[ended] == HORIZON)
+            touched = sim.code[ended] == CONTACT
+            report = self.report(sim.state[ended], at_plane=touched)
+            miss = np.where(touched, report["lateral_m"], np.hypot(report["lateral_m"], report["axial_m"]))
+            counts = touched | (sim.code[ended] == HORIZON)
             reward[ended] += np.where(counts, terminal_bonus(report, miss, self.config.reward), 0.0)
             if self.auto_reset:
                 code, reward, final_state = sim.code.copy(), reward.copy(), sim.state.copy()
@@ -199,10 +198,10 @@ class BatchedSpaceDock:
             kernels.observe_rows(0, self.count, self.sim, out, columns)
         return out
 
-    def report(self, state: np.ndarray) -> dict[str, np.ndarray]:
-        """Contact quantities and box conditions of SI states (M, 14) under this task's rules."""
+    def report(self, state: np.ndarray, *, at_plane: bool | np.ndarray = False) -> dict[str, np.ndarray]:
+        """Contact quantities and box conditions of SI states (M, 14); ``at_plane`` as ``contact_report`` takes it."""
         contact = contact_state(state, self.port, hill_coupling=self.config.hill_coupling)
-        return contact_report(contact, at_plane=self.config.contact)
+        return contact_report(contact, at_plane=at_plane)
 
     def outcome(self, row: int, report: dict[str, Any]) -> str:
         """The name of how the episode of ``row`` ended; ``report``: of that row."""

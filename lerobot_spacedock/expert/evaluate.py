@@ -131,10 +131,10 @@ def fly(policy: Policy, task: TaskConfig, seeds: Sequence[int]) -> Flights:
         running[result.ended] = False
         # what a policy makes of a row that has ended does not matter, but its input has to be finite
         observation, previous = result.observation, action
-    report = batch.report(batch.sim.state)
     state = batch.sim.state
     distance = np.linalg.norm(state[:, POSITION], axis=1)
     contact = batch.sim.code == CONTACT
+    report = batch.report(state, at_plane=contact)
     if task.contact:
         # no contact, no lateral miss at the port: what counts is how far away the chaser ended
         miss = np.where(contact, report["lateral_m"], distance)

@@ -152,17 +152,17 @@ def box_conditions(contact: dict[str, np.ndarray], box: ContactBox) -> dict[str,
     return conditions
 
 
-def contact_report(contact: dict[str, np.ndarray], *, at_plane: bool = True) -> dict[str, np.ndarray]:
+def contact_report(contact: dict[str, np.ndarray], *, at_plane: bool | np.ndarray = True) -> dict[str, np.ndarray]:
     """``contact`` with every condition of every box beside it (``idss_lateral``, …) and all together (``idss``).
 
     Args:
         contact: as from ``contact_state``.
-        at_plane: the states stand on the port plane. False (the paper's fixed-horizon task): the misalignment that
-            the boxes limit is then the whole distance to the port, axial included.
+        at_plane: whether the states stand on the port plane, one for all or (...). Where not (the paper's fixed-horizon
+            task, an episode that ran out of time), the misalignment that the boxes limit is the whole distance to the
+            port, axial included.
     """
-    judged = contact
-    if not at_plane:
-        judged = contact | {"lateral_m": np.hypot(contact["lateral_m"], contact["axial_m"])}
+    distance = np.hypot(contact["lateral_m"], contact["axial_m"])
+    judged = contact | {"lateral_m": np.where(at_plane, contact["lateral_m"], distance)}
     report = dict(contact)
     for label, box in BOXES.items():
         conditions = box_conditions(judged, box)

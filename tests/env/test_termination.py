@@ -99,3 +99,15 @@ def test_the_papers_task_flies_through_the_plane():
 def test_the_papers_task_succeeds_by_the_box_at_its_last_state(distance, success):
     *_, info = flight((0, -distance - 0.07, 0), (0, 0.07, 0), env_id="SpaceDock-v0", steps=[1.0])
     assert info["is_success"] is success
+
+
+@pytest.mark.parametrize("case", [{"max_steps": 4}, {"steps": [0.9, 0.9]}])
+def test_running_out_of_time_on_the_axis_is_not_in_the_box(case):
+    """Aligned, at docking speed, on the axis: all but at the port."""
+    *_, info = flight((0, -5.0, 0), (0, 0.07, 0), hill_coupling=False, **case)
+    assert info["outcome"] == "timeout"
+    assert info["contact_axial_m"] > 4.0
+    assert info["contact_lateral_m"] < 0.01
+    assert info["contact_idss_closing_speed"]
+    for name in ("idss_lateral", "idss", "atv_lateral", "atv"):
+        assert not info[f"contact_{name}"], name
