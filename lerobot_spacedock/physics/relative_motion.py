@@ -30,7 +30,7 @@ def hcw_transition_row(r, v, mean_motion_rad_s, per_mean_motion_s, sine_half, co
         time_s: s.
 
     Returns:
-        (r, v) after ``time_s``. ``1 - cos`` is formed as ``2 sin²`` so that nothing cancels at small ``n t``.
+        (r, v) after ``time_s``. ``1 - cos`` is formed as ``2 sin²``, which does not cancel at small ``n t``.
     """
     n, per_n = mean_motion_rad_s, per_mean_motion_s
     sine = 2.0 * sine_half * cosine_half
