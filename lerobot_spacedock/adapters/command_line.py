@@ -17,7 +17,8 @@ from typing import Any
 from draccus.utils import DecodingError
 from lerobot.utils.constants import OBS_IMAGES
 
-from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.errors import FileFormatError, InputError, SpaceDockError, reading
+from lerobot_spacedock.files import read_object
 
 COMMANDS = ("lerobot_eval", "lerobot_train")
 
@@ -25,19 +26,19 @@ COMMANDS = ("lerobot_eval", "lerobot_train")
 class OptionError(SpaceDockError, DecodingError):
     """An option that cannot be used, as draccus raises it: LeRobot's commands print it as one line and stop.
 
-    An ``InputError`` from a config's constructor would be a ``ValueError``, which draccus hides behind its own.
+    Ours from a config's constructor would be a ``ValueError``, which draccus hides behind its own.
     """
 
-    def __init__(self, error: InputError) -> None:
+    def __init__(self, error: SpaceDockError) -> None:
         DecodingError.__init__(self, (), str(error))
 
 
 @contextmanager
 def option_errors() -> Iterator[None]:
-    """Turns an ``InputError`` inside into an ``OptionError``."""
+    """Turns an ``InputError`` or a ``FileFormatError`` inside into an ``OptionError``."""
     try:
         yield
-    except InputError as error:
+    except (InputError, FileFormatError) as error:
         raise OptionError(error) from error
 
 
@@ -88,15 +89,20 @@ def trained_picture_size() -> tuple[int, int] | None:
 
     LeRobot compares the names of pictures, not their sizes, and a ResNet takes any: a policy that is shown another size
     than it learnt from would fly, badly, without a word.
+
+    Raises:
+        FileFormatError: the file that would say so is damaged.
     """
     for option, file, key in (
         ("dataset.root", "meta/info.json", "features"),
         ("policy.path", "config.json", "input_features"),
     ):
         folder = command_option(option)
-        path = Path(folder) / file if folder else None
-        if path is not None and path.is_file():
-            feature = json.loads(path.read_text()).get(key, {}).get(f"{OBS_IMAGES}.camera")
+        path = Path(folder).expanduser() / file if folder else None
+        if path is None or not path.is_file():
+            continue
+        with reading(path, f"what --{option} holds"):
+            feature = read_object(path).get(key, {}).get(f"{OBS_IMAGES}.camera")
             if feature:
                 rows, columns = (size for size in feature["shape"] if size != 3)
                 return int(rows), int(columns)

@@ -193,9 +193,10 @@ class SpaceDockEnvConfig(EnvConfig):
         return PolicyProcessorPipeline(steps=[DropRecordedNames()]), PolicyProcessorPipeline(steps=[])
 
     def _check_picture_size(self) -> None:
-        trained, own = command_line.trained_picture_size(), (self.camera.height, self.camera.width)
-        if trained is not None and trained != own:
-            with option_errors():
+        own = (self.camera.height, self.camera.width)
+        with option_errors():
+            trained = command_line.trained_picture_size()
+            if trained is not None and trained != own:
                 raise InputError(
                     "--env.camera",
                     f"{own[0]} x {own[1]} pixels",

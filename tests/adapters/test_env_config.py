@@ -162,6 +162,16 @@ def test_pictures_of_another_size_than_the_policy_learns_from_are_refused(comman
     SpaceDockEnvConfig(obs_type="agent_pos")
 
 
+@pytest.mark.parametrize(
+    "content", ["{", "[]", '{"input_features": {"observation.images.camera": {"shape": [3, 3, 640]}}}']
+)
+def test_a_damaged_checkpoint_is_named_in_one_line(command, tmp_path, content):
+    (tmp_path / "config.json").write_text(content)
+    command("lerobot-eval", f"--policy.path={tmp_path}")
+    with pytest.raises(command_line.OptionError, match=r"config\.json: "):
+        SpaceDockEnvConfig()
+
+
 def test_logs_go_to_the_output_folder_and_never_over_older_ones(command, tmp_path):
     command("lerobot-eval", f"--output_dir={tmp_path}")
     config = SpaceDockEnvConfig(obs_type="agent_pos", max_steps=2)
