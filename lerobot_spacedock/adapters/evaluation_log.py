@@ -24,6 +24,7 @@ from lerobot_spacedock.episode_log import (
     write_episode_log,
 )
 from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.files import write_json
 from lerobot_spacedock.folders import check_writable
 
 METRICS_FILE = "eval_metrics.jsonl"
@@ -138,7 +139,7 @@ class EvaluationLog:
     def _write_policy(self) -> None:
         described = None if self._policy is None else self._policy()
         if described is not None:
-            (self.folder / POLICY_FILE).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
+            write_json(self.folder / POLICY_FILE, described, indent=2)
 
     def _put_aside(self, path: Path) -> None:
         if path.exists():
