@@ -7,6 +7,7 @@ before it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -110,6 +111,6 @@ def _json(option: str, path: Path) -> dict[str, Any]:
 def _first_count(record: dict[str, Any], keys: Sequence[str]) -> int | None:
     for key in keys:
         value = record.get(key)
-        if isinstance(value, int | float) and not isinstance(value, bool) and value >= 0:
+        if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
             return int(value)
     return None

@@ -302,9 +302,10 @@ def test_mistakes_elsewhere_are_named(logs, tmp_path):
         load_study(ReportConfig(runs=runs, reference="MPC"))
     with pytest.raises(InputError, match="--training"):
         load_study(ReportConfig(runs=runs, training=[f"B={logs / 'expert.json'}"]))
-    (tmp_path / "empty.json").write_text("{}")
-    with pytest.raises(FileFormatError, match="interactions"):
-        load_study(ReportConfig(runs=runs, training=[f"A={tmp_path / 'empty.json'}"]))
+    for nothing in ("{}", '{"interactions": Infinity}', '{"interactions": -1}', '{"interactions": "many"}'):
+        (tmp_path / "empty.json").write_text(nothing)
+        with pytest.raises(FileFormatError, match="interactions"):
+            load_study(ReportConfig(runs=runs, training=[f"A={tmp_path / 'empty.json'}"]))
     with pytest.raises(InputError, match="--resamples"):
         load_study(ReportConfig(runs=runs, resamples=3))
 
