@@ -13,6 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from lerobot_spacedock.camera.config import BACKENDS, CameraConfig, one_of
+from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.frames import Artist
 from lerobot_spacedock.dataset.stored_episode import DatasetEpisode
 from lerobot_spacedock.episode_log import EpisodeLog, read_episode_log
@@ -140,7 +141,7 @@ def _frames(
 ) -> Iterator[np.ndarray]:
     if not cfg.camera:
         return iter(())
-    if source is not None and "observation.images.camera" in source.info["features"]:
+    if source is not None and (schema.IMAGE in source.cameras or len(source.cameras) == 1):
         return source.frames()
     drawn = artist.draw(log, 0, len(log.time))
     return iter(tqdm(drawn, total=len(log.time), unit="frame", desc="drawing"))

@@ -25,7 +25,7 @@ def log_file(tmp_path_factory):
     return write_episode_log(tmp_path_factory.mktemp("log") / "episode_000007.parquet", fly(7, steps=6))
 
 
-def make_dataset(root, log, frames):
+def make_dataset(root, log, frames, camera=schema.IMAGE):
     """A v3 dataset of one episode with its pictures as PNG, laid out by hand as LeRobot does."""
     import io
 
@@ -40,7 +40,7 @@ def make_dataset(root, log, frames):
         schema.ACTION: list(log.action.astype(np.float32)),
         schema.CONTROL_DT: [[v] for v in log.dt.astype(np.float32)],
         schema.SIM_TIME: [[v] for v in log.time[:-1].astype(np.float32)],
-        schema.IMAGE: cells,
+        camera: cells,
         "timestamp": np.arange(steps, dtype=np.float32),
         "episode_index": np.zeros(steps, np.int64),
     }
@@ -49,7 +49,7 @@ def make_dataset(root, log, frames):
     (root / "meta" / "episodes" / "chunk-000").mkdir(parents=True)
     listing = {"episode_index": [0], "length": [steps], "data/chunk_index": [0], "data/file_index": [0]}
     pq.write_table(pa.table(listing), root / "meta" / "episodes" / "chunk-000" / "file-000.parquet")
-    features = {name: {"dtype": "image" if name == schema.IMAGE else "float32"} for name in columns}
+    features = {name: {"dtype": "image" if name == camera else "float32"} for name in columns}
     info = {
         "codebase_version": "v3.0",
         "total_episodes": 1,
@@ -92,6 +92,16 @@ def test_a_dataset_gives_its_states_commands_and_frames_back(tmp_path):
     pytest.importorskip("rerun")
     assert view(ViewConfig(dataset=tmp_path / "set", save=tmp_path / "d.rrd")) == 0
     assert b"world/chaser/camera" in (tmp_path / "d.rrd").read_bytes()
+
+
+def test_the_pictures_of_a_dataset_are_shown_whatever_its_only_camera_is_called(tmp_path, monkeypatch):
+    frames = [np.full((12, 16, 3), 40 * k, np.uint8) for k in range(5)]
+    root = make_dataset(tmp_path / "set", fly(3, steps=5), frames, camera="observation.images.front")
+    shown = []
+    monkeypatch.setattr("lerobot_spacedock.report.view.show_episode", lambda log, seen, **_: shown.extend(seen))
+    assert view(ViewConfig(dataset=root, save=tmp_path / "d.rrd")) == 0
+    assert len(shown) == 5
+    assert all(np.array_equal(a, b) for a, b in zip(shown, frames, strict=True))
 
 
 def test_mistakes_are_named(log_file, tmp_path):
