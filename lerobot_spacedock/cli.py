@@ -13,6 +13,7 @@ import difflib
 import importlib
 import io
 import json
+import os
 import re
 import sys
 import typing
@@ -162,8 +163,8 @@ def _joined(arguments: Sequence[str], config_class: type, known: Sequence[str]) 
         if argument.startswith("--"):
             flag, equals, value = argument.partition("=")
             given.setdefault(flag, [])
-            if equals:
-                given[flag].append(value)
+            if equals:  # a shell knows ~ only where a word begins with it
+                given[flag].append(os.path.expanduser(value) if value.startswith("~/") else value)
         elif flag is None:
             meant = f"--{argument}"
             hint = f"Did you mean {meant}?" if meant.partition("=")[0] in known else ""

@@ -60,6 +60,14 @@ def test_a_list_is_given_in_one_place_or_several(arguments):
     assert parse("--repo_id=a/b", "--runs", "A=x/y").runs == ["A=x/y"]
 
 
+def test_a_folder_of_the_users_home_is_meant_as_such(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "demos.yaml").write_text("repo_id: from/home\n")
+    assert parse("--repo_id=~/data").repo_id == f"{tmp_path}/data"
+    assert parse("--config_path=~/demos.yaml").repo_id == "from/home"
+    assert parse("--repo_id=a~/b").repo_id == "a~/b"
+
+
 def test_flags_override_the_config_file(tmp_path):
     path = tmp_path / "demos.yaml"
     path.write_text("repo_id: from/file\nnum_episodes: 7\ncamera:\n  height: 120\n")
