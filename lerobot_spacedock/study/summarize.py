@@ -13,8 +13,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.errors import SpaceDockError
 from lerobot_spacedock.metrics.collect import collect
+from lerobot_spacedock.report.runs import log_files
 from lerobot_spacedock.study.trial import summary
 
 HEAD = (
@@ -29,10 +30,7 @@ def summarize_folder(name: str, folder: Path) -> list[dict[str, Any]]:
     Raises:
         InputError: there is no episode.
     """
-    files = sorted(folder.glob("*.parquet"))
-    if not files:
-        raise InputError("--runs", f"{name}={folder}", "a folder of episode logs, OUTPUT_DIR/episodes of lerobot-eval")
-    found, left_out = collect([files], workers=1)
+    found, left_out = collect([log_files(folder)], workers=1)
     for exclusion in left_out:
         print(f"left out: {exclusion.path}: {exclusion.reason}", file=sys.stderr)
     rows = []

@@ -135,6 +135,13 @@ def test_a_study_keeps_its_axes(config, monkeypatch):
         ("tasks", ["SpaceDockVision-v0/same"]),
         ("coefficients", [-30.0]),
         ("evaluation_seed", 500_050),
+        ("evaluation_seed", 499_901),
+        ("evaluation_seed", 899_999),
+        ("seeds", [0, 40]),
+        ("num_demonstrations", [10_001]),
+        ("steps", [0]),
+        ("episodes", 0),
+        ("tasks", []),
     ],
 )
 def test_settings_that_cannot_be_are_refused_by_name(config, field, value):
@@ -174,9 +181,9 @@ def test_the_figure_has_a_curve_for_each_chunk_with_all_its_seeds(config, monkey
     smoothness, distance = curves["kicked", 10][-0.3]
     np.testing.assert_allclose(smoothness, [1.8, 1.8])
     np.testing.assert_allclose(sorted(distance), [0.1, 0.101])
-    drawn = FigureConfig(results=[config.results], out=str(tmp_path), tasks=config.tasks)
+    drawn = FigureConfig(results=[config.results], out=str(tmp_path / "not" / "there"), tasks=config.tasks)
     assert sweep_figure(drawn) == 0
-    assert (tmp_path / "sweep_frontier.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "not" / "there" / "sweep_frontier.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(InputError, match="tidy"):
         sweep_figure(dataclasses.replace(drawn, demonstrations=["tidy"]))
     with pytest.raises(InputError, match="--tasks"):
@@ -217,8 +224,11 @@ def test_logs_become_rows_and_a_table(tmp_path, capsys):
     calm = Disturbance.draw(seeds, env.max_steps, KickConfig(), NoiseConfig())
     for log in fly(make_expert("W", env), env, seeds, calm):
         write_episode_log(log_path(tmp_path, log.metadata["seed"]), log)
+    write_episode_log(log_path(tmp_path / "surplus", 3), log)
     assert main(["--runs", f"W={tmp_path}", "--out", str(tmp_path / "w.json")]) == 0
     (row,) = json.loads((tmp_path / "w.json").read_text())
     assert (row["run"], row["starts"], row["idss"], row["contact"], row["episodes"]) == ("W", "random", 3, 3, 3)
-    assert "| W | random | 3 of 3 [29.2, 100.0] % | 3 |" in capsys.readouterr().out
+    shown = capsys.readouterr()
+    assert "| W | random | 3 of 3 [29.2, 100.0] % | 3 |" in shown.out
+    assert "surplus/episode_000003.parquet" in shown.err, "left out and named"
     assert main(["--runs", f"W={tmp_path}/nothing"]) == 2
