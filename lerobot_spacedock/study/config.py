@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
 from lerobot_spacedock.env.registration import ENV_IDS
 from lerobot_spacedock.env.scenario_config import get_initial_conditions
 from lerobot_spacedock.errors import InputError
-from lerobot_spacedock.study.demonstrations import FIRST_SEED, KINDS
+from lerobot_spacedock.study.demonstrations import FIRST_SEED, KINDS, SEEDS, SEEDS_EACH
 
 SAMPLERS = ("grid", "tpe")
 # the axes of a sweep, slowest first: fields of SweepConfig that hold a list, and what a trial calls one value of them
@@ -24,6 +25,18 @@ AXES = {
     "dropouts": "dropout",
     "dim_models": "dim_model",
     "vae": "use_vae",
+}
+
+# least and most: seeds and numbers of demonstrations beyond these would fly each other's, or those of the evaluation
+LIMITS = {
+    "seeds": (0, SEEDS - 1),
+    "num_demonstrations": (1, SEEDS_EACH),
+    "steps": (1, math.inf),
+    "batch_sizes": (1, math.inf),
+    "dim_models": (1, math.inf),
+    "chunk_sizes": (1, math.inf),
+    "episodes": (1, math.inf),
+    "num_trials": (1, math.inf),
 }
 
 
@@ -90,9 +103,15 @@ class SweepConfig:
         for kind in self.demonstrations:
             if kind not in KINDS:
                 raise InputError("--demonstrations", kind, " | ".join(KINDS))
-        for name in AXES:
+        for name in (*AXES, "tasks"):
             if not getattr(self, name):
                 raise InputError(f"--{name}", [], "one value or more")
+        for name, (least, most) in LIMITS.items():
+            given = getattr(self, name)
+            for value in given if isinstance(given, list) else [given]:
+                if not least <= value <= most:
+                    allowed = f"{least} or more" if most == math.inf else f"{least} to {most}"
+                    raise InputError(f"--{name}", value, allowed)
         for task in self.tasks:
             env_id, _, starts = task.partition("/")
             if env_id not in ENV_IDS or ENV_IDS[env_id].get("withhold_pose"):
@@ -105,7 +124,7 @@ class SweepConfig:
                 )
         if not self.coefficients and not self.newest:
             raise InputError("--coefficients", [], "one value or more, or --newest")
-        if self.evaluation_seed + self.episodes > FIRST_SEED and self.evaluation_seed < FIRST_SEED + 400_000:
+        if FIRST_SEED - self.episodes < self.evaluation_seed < FIRST_SEED + SEEDS * SEEDS_EACH:
             raise InputError("--evaluation_seed", self.evaluation_seed, "seeds that no demonstration has")
 
     def axes(self) -> dict[str, list[Any]]:
