@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import glob
 import json
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from lerobot_spacedock.errors import FileFormatError
+
+ABANDONED_AFTER_s = 3600.0  # by age, since the process may be another machine's
 
 
 @contextlib.contextmanager
@@ -20,7 +24,8 @@ def aside(path: Path, *, shared: bool = False) -> Iterator[Path]:
 
     Args:
         path: the file's own name. Its folder exists. A file of that name is replaced.
-        shared: several processes may write this file at once; each gets a name of its own.
+        shared: several processes may write this file at once; each gets a name of its own, and what a kill leaves
+            stays until ``remove_abandoned``.
     """
     own = path.with_name(f".{path.name}.{os.getpid()}.tmp" if shared else f".{path.name}.tmp")
     try:
@@ -28,6 +33,14 @@ def aside(path: Path, *, shared: bool = False) -> Iterator[Path]:
         os.replace(own, path)
     finally:
         own.unlink(missing_ok=True)
+
+
+def remove_abandoned(path: Path) -> None:
+    """Removes what killed processes left of ``aside(path, shared=True)``: what has not been written to for an hour."""
+    for left in path.parent.glob(f".{glob.escape(path.name)}.*.tmp"):
+        with contextlib.suppress(OSError):  # another process removes it too
+            if time.time() - left.stat().st_mtime > ABANDONED_AFTER_s:
+                left.unlink()
 
 
 def write_text(path: Path, text: str, *, shared: bool = False) -> None:

@@ -61,7 +61,7 @@ def write_film(path: Path, pictures: Iterable[np.ndarray], fps: float) -> Path:
     if path.suffix.lower() not in SUFFIXES:
         raise InputError("--video", str(path), f"a file that ends in {' or '.join(SUFFIXES)}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    with aside(path, shared=True) as own:
+    with aside(path) as own:
         (_write_mp4 if path.suffix.lower() == ".mp4" else _write_gif)(own, pictures, fps)
     return path
 

@@ -26,7 +26,7 @@ from lerobot_spacedock.dataset.statistics import vector_statistics
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.expert.checkpoint import GENTLE, find_checkpoint
 from lerobot_spacedock.expert.controllers import make_expert
-from lerobot_spacedock.files import aside
+from lerobot_spacedock.files import aside, remove_abandoned
 
 _KICKS = KickConfig(probability=0.12)
 # what each kind changes of `spacedock demos`
@@ -66,6 +66,7 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 FIRST_SEED = 500_000  # where configs/demos_cpu.yaml begins; evaluations begin at 1000 and at 900,000
 SEEDS_EACH = 10_000  # training seed s flies from FIRST_SEED + s * SEEDS_EACH on
+SEEDS = 40  # training seeds for which that stays below the evaluations'
 
 
 def demos_config(kind: str, num_episodes: int, seed: int) -> DemosConfig:
@@ -140,6 +141,7 @@ def demonstrations(config: DemosConfig, cache: Path | None = None) -> Frames:
     frames = _fly(config)
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
+        remove_abandoned(path)
         with aside(path, shared=True) as own, own.open("wb") as stream:
             np.savez_compressed(stream, **vars(frames))
     return frames

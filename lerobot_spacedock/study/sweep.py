@@ -16,7 +16,7 @@ import torch
 from tqdm import tqdm
 
 from lerobot_spacedock.errors import InputError, MissingDependencyError
-from lerobot_spacedock.files import write_text
+from lerobot_spacedock.files import remove_abandoned, write_text
 from lerobot_spacedock.folders import disk_errors
 from lerobot_spacedock.study.config import SweepConfig
 from lerobot_spacedock.study.trial import run_trial
@@ -179,5 +179,6 @@ def write_results(study: optuna.Study, config: SweepConfig) -> Path:
     lines = ",\n".join(json.dumps(result) for result in results)
     head = json.dumps({"name": config.name, "episodes": config.episodes, "evaluation_seed": config.evaluation_seed})
     path.parent.mkdir(parents=True, exist_ok=True)
+    remove_abandoned(path)
     write_text(path, f'{head[:-1]}, "trials": [\n{lines}\n]}}\n', shared=True)
     return path
