@@ -28,7 +28,7 @@ class FigureConfig:
 
     # JSON that spacedock sweep wrote; several are joined
     results: list[str] = field(default_factory=list)
-    # folder of the PNG and the SVG
+    # folder of the PNG and the SVG; made if absent
     out: str = "docs/images"
     # name of the files
     key: str = "sweep_frontier"
@@ -57,8 +57,9 @@ def sweep_figure(config: FigureConfig) -> int:
         for task in config.tasks
         for kind in kinds
     )
-    title = "Distance at the end against smoothness"
-    for path in write_paper_files(Figure(config.key, title, title, panels, columns=len(kinds)), Path(config.out)):
+    title, out = "Distance at the end against smoothness", Path(config.out)
+    out.mkdir(parents=True, exist_ok=True)
+    for path in write_paper_files(Figure(config.key, title, title, panels, columns=len(kinds)), out):
         print(f"Wrote {path}")
     return 0
 
