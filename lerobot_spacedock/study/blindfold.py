@@ -9,19 +9,19 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
-from lerobot.policies import make_pre_post_processors
-from lerobot.policies.act.modeling_act import ACTPolicy, ACTTemporalEnsembler
+from lerobot.policies.act.modeling_act import ACTTemporalEnsembler
 from lerobot.processor import PolicyProcessorPipeline
 from lerobot.scripts.lerobot_eval import eval_policy
 
 from lerobot_spacedock.adapters import SpaceDockEnvConfig
-from lerobot_spacedock.errors import InputError
-from lerobot_spacedock.study.picture_use import CAMERA, load_pictures
+from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.study.picture_use import CAMERA, load_pictures, load_policy
 from lerobot_spacedock.study.summarize import summarize_folder, table
 
 MODES = ("seen", "shuffled", "blank")
@@ -72,10 +72,9 @@ def fly(
     task: str = "SpaceDockContact-v0",
 ) -> list[dict[str, Any]]:
     """Flies a stock ACT checkpoint on seeds from 1000, as ``lerobot-eval`` does; rows as of ``summarize_folder``."""
-    policy = ACTPolicy.from_pretrained(checkpoint).eval()
+    policy, before, after = load_policy(checkpoint)
     policy.config.temporal_ensemble_coeff, policy.config.n_action_steps = coefficient, 1
     policy.temporal_ensembler = ACTTemporalEnsembler(coefficient, policy.config.chunk_size)
-    before, after = make_pre_post_processors(policy.config, pretrained_path=str(checkpoint))
     height, width = pictures.shape[-2:]
     config = SpaceDockEnvConfig(task=task, initial_conditions=starts, log_dir=str(log_dir))
     config.camera = type(config.camera)(height=height, width=width)
@@ -95,19 +94,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--checkpoint", type=Path, required=True, help="CHECKPOINT/pretrained_model of an ACT")
     parser.add_argument("--root", type=Path, required=True, help="a LeRobotDataset with pictures of its size")
     parser.add_argument("--out", type=Path, default=Path("outputs/blindfold"), help="for the episode logs")
-    parser.add_argument("--modes", nargs="+", default=list(MODES), help=f"of {', '.join(MODES)}")
+    parser.add_argument("--modes", nargs="+", default=list(MODES), choices=MODES)
     parser.add_argument("--starts", nargs="+", default=["same"], help="same, random, same_dispersed")
     parser.add_argument("--task", default="SpaceDockContact-v0", help="gymnasium id")
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--json", type=Path, help="write the rows here too")
     arguments = parser.parse_args(argv)
-    pictures, _, _ = load_pictures(arguments.root, 256)
     rows = []
-    for mode in arguments.modes:
-        for starts in arguments.starts:
-            folder = arguments.out / mode / starts
-            options = {"episodes": arguments.episodes, "task": arguments.task}
-            rows += fly(arguments.checkpoint, pictures, mode, starts, folder, **options)
+    try:
+        pictures, _, _ = load_pictures(arguments.root, 256)
+        for mode in arguments.modes:
+            for starts in arguments.starts:
+                folder = arguments.out / mode / starts
+                options = {"episodes": arguments.episodes, "task": arguments.task}
+                rows += fly(arguments.checkpoint, pictures, mode, starts, folder, **options)
+    except SpaceDockError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
     print(table(rows))
     if arguments.json:
         arguments.json.parent.mkdir(parents=True, exist_ok=True)

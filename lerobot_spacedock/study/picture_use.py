@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,9 @@ from lerobot.datasets import LeRobotDataset
 from lerobot.policies import make_pre_post_processors
 from lerobot.policies.act.modeling_act import ACTPolicy
 from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
+
+from lerobot_spacedock.dataset.roots import existing_root
+from lerobot_spacedock.errors import InputError, SpaceDockError
 
 CAMERA = f"{OBS_IMAGES}.camera"
 
@@ -36,10 +40,27 @@ def changes(
     return found
 
 
+def load_policy(checkpoint: Path) -> tuple[ACTPolicy, Any, Any]:
+    """A stock ACT checkpoint with its processors.
+
+    Raises:
+        InputError: there is none; LeRobot would ask the hub for one of that name.
+    """
+    if not (checkpoint / "config.json").is_file():
+        raise InputError("--checkpoint", str(checkpoint), "the pretrained_model folder of an ACT (with config.json)")
+    policy = ACTPolicy.from_pretrained(checkpoint).eval()
+    return policy, *make_pre_post_processors(policy.config, pretrained_path=str(checkpoint))
+
+
 def load_pictures(
     dataset_root: Path, num_frames: int, seed: int = 0
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Frames drawn from a dataset: pictures (F, 3, H, W) in [0, 1], states (F, 13 or 7), actions (F, 6)."""
+    """Frames drawn from a dataset: pictures (F, 3, H, W) in [0, 1], states (F, n) as stored, actions (F, 6).
+
+    Raises:
+        InputError: there is none.
+    """
+    dataset_root = existing_root("spacedock/pictures", str(dataset_root))
     dataset = LeRobotDataset("spacedock/pictures", root=dataset_root, video_backend="pyav")
     index = np.random.default_rng(seed).choice(len(dataset), size=min(num_frames, len(dataset)), replace=False)
     items = [dataset[int(i)] for i in index]
@@ -49,8 +70,7 @@ def load_pictures(
 
 def picture_use(checkpoint: Path, dataset_root: Path, *, num_frames: int = 256, seed: int = 0) -> dict[str, Any]:
     """Loads a stock ACT checkpoint and gives ``changes`` over frames drawn from a dataset with pictures."""
-    policy = ACTPolicy.from_pretrained(checkpoint).eval()
-    before, after = make_pre_post_processors(policy.config, pretrained_path=str(checkpoint))
+    policy, before, after = load_policy(checkpoint)
     pictures, states, labels = load_pictures(dataset_root, num_frames, seed)
     mean = pictures.mean(dim=(0, 2, 3), keepdim=True)
 
@@ -82,10 +102,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--frames", type=int, default=256)
     parser.add_argument("--out", type=Path, help="write the JSON here too")
     arguments = parser.parse_args(argv)
-    found = picture_use(arguments.checkpoint, arguments.root, num_frames=arguments.frames)
+    try:
+        found = picture_use(arguments.checkpoint, arguments.root, num_frames=arguments.frames)
+    except SpaceDockError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
     text = json.dumps(found, indent=2)
     print(text)
     if arguments.out:
+        arguments.out.parent.mkdir(parents=True, exist_ok=True)
         arguments.out.write_text(text + "\n", encoding="utf-8")
     return 0
 

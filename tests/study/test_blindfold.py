@@ -1,5 +1,7 @@
 """Pictures taken away or swapped: what the policy is shown, and that whole episodes fly with it."""
 
+import re
+
 import pytest
 import torch
 from lerobot.configs import FeatureType, PolicyFeature
@@ -9,7 +11,9 @@ from lerobot.policies.act.modeling_act import ACTPolicy
 
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.study.blindfold import blindfold, fly
-from lerobot_spacedock.study.picture_use import CAMERA
+from lerobot_spacedock.study.blindfold import main as blindfold_main
+from lerobot_spacedock.study.picture_use import CAMERA, load_pictures, load_policy
+from lerobot_spacedock.study.picture_use import main as picture_use_main
 
 PICTURES = torch.rand(8, 3, 32, 40, generator=torch.Generator().manual_seed(1))
 
@@ -27,6 +31,17 @@ def test_what_is_shown():
     assert blank["observation.state"] is observation["observation.state"]
     with pytest.raises(InputError, match="seen shuffled blank"):
         blindfold("closed", PICTURES)
+
+
+@pytest.mark.parametrize("command", [blindfold_main, picture_use_main])
+def test_what_is_not_there_is_named_and_the_hub_is_not_asked(command, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("socket.socket.connect", lambda *_: pytest.fail("a connection"))
+    assert command(["--checkpoint", str(tmp_path / "act"), "--root", str(tmp_path / "data")]) == 2
+    assert re.search(r"error: --(root|checkpoint): got .*/(data|act); allowed: the", capsys.readouterr().err)
+    with pytest.raises(InputError, match="--checkpoint"):
+        load_policy(tmp_path / "act")
+    with pytest.raises(InputError, match="--root"):
+        load_pictures(tmp_path / "data", 4)
 
 
 def test_whole_episodes_fly_with_it(tmp_path):
