@@ -6,6 +6,7 @@ import dataclasses
 import math
 import re
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any
 
 from lerobot_spacedock.camera.config import CameraConfig
@@ -75,14 +76,20 @@ class TaskConfig:
         _one_of("time_step", self.time_step, TIME_STEP_MODES)
         if isinstance(self.max_steps, bool) or not isinstance(self.max_steps, int) or self.max_steps < 1:
             raise InputError("max_steps", self.max_steps, "an integer ≥ 1")
+        _check_switches(self)
         for name in ("time_step_mean_s", "time_step_min_s", "thrust_limit_N", "torque_limit_Nm", "volume_radius_m"):
-            if not 0.0 < getattr(self, name) < math.inf:
+            if not (_is_finite(getattr(self, name)) and getattr(self, name) > 0.0):
                 raise InputError(name, getattr(self, name), "a finite number > 0")
-        if not (0.0 <= self.time_step_std_s < math.inf and self.time_step_min_s <= self.time_step_max_s < math.inf):
-            given = (self.time_step_std_s, self.time_step_min_s, self.time_step_max_s)
+        given = (self.time_step_std_s, self.time_step_min_s, self.time_step_max_s)
+        if not (all(map(_is_finite, given)) and given[0] >= 0.0 and given[1] <= given[2]):
             raise InputError("time_step_std_s, time_step_min_s, time_step_max_s", given, "0 ≤ std, min ≤ max, finite")
         for group in ("corridor", "meta", "reward"):
             _check_numbers(group, getattr(self, group))
+        if self.corridor.half_angle_deg >= 90.0:
+            raise InputError("corridor.half_angle_deg", self.corridor.half_angle_deg, "0 < angle < 90")
+        if self.reward.cruise_speed_m_s < self.reward.closing_speed_m_s:
+            least = f"reward.closing_speed_m_s ({self.reward.closing_speed_m_s:g}) or more"
+            raise InputError("reward.cruise_speed_m_s", self.reward.cruise_speed_m_s, least)
 
 
 @dataclass(frozen=True)
@@ -115,8 +122,9 @@ class SpaceDockConfig(TaskConfig):
         super().__post_init__()
         _one_of("obs_type", self.obs_type, OBS_TYPES)
         _one_of("sun", self.sun, SUNS)
-        if self.station_pose is not None and len(self.station_pose) != 16:
-            raise InputError("station_pose", self.station_pose, "16 numbers, a 4×4 matrix row by row")
+        pose = self.station_pose
+        if pose is not None and not (isinstance(pose, tuple | list) and len(pose) == 16 and all(map(_is_finite, pose))):
+            raise InputError("station_pose", pose, "16 finite numbers, a 4×4 matrix row by row")
         if self.camera.port != self.port:
             object.__setattr__(self, "camera", dataclasses.replace(self.camera, port=self.port))
 
@@ -142,10 +150,26 @@ def _build(cls: type, options: dict[str, Any], path: str) -> Any:
             raise InputError(f"{path}.{name}", options[name], f"one of the options {', '.join(sorted(known))}")
     values = dict(options)
     for name, value in options.items():
-        factory = known[name].default_factory
-        if isinstance(value, dict) and dataclasses.is_dataclass(factory):
-            values[name] = _build(factory, value, f"{path}.{name}")
+        group = known[name].default_factory
+        if isinstance(value, list):
+            values[name] = tuple(value)
+        elif dataclasses.is_dataclass(group) and isinstance(value, dict):
+            values[name] = _build(group, value, f"{path}.{name}")
+        elif dataclasses.is_dataclass(group) and not isinstance(value, group):
+            names = ", ".join(sorted(item.name for item in dataclasses.fields(group)))
+            raise InputError(f"{path}.{name}", value, f"a dict of some of the options {names}")
     return cls(**values)
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _check_switches(config: Any, prefix: str = "") -> None:
+    """What is on or off by default is on or off: the word "false" would count as true."""
+    for item in dataclasses.fields(config):
+        if isinstance(item.default, bool) and getattr(config, item.name) not in (True, False):
+            raise InputError(prefix + item.name, getattr(config, item.name), "True | False")
 
 
 # what is divided by, or is a speed that the profile is made of
@@ -154,16 +178,18 @@ _POSITIVE = re.compile(r"_(scale_m|scale_m_s|scale_deg|scale_deg_s|time_s|speed_
 
 def _check_numbers(group: str, config: Any) -> None:
     """Every number of a nested configuration is finite and not negative, those of ``_POSITIVE`` and ranges above 0."""
+    _check_switches(config, f"{group}.")
     for item in dataclasses.fields(config):
         name, value = f"{group}.{item.name}", getattr(config, item.name)
-        if isinstance(value, bool):
+        if isinstance(item.default, bool):
             continue
-        if isinstance(value, tuple):
-            if not (len(value) == 2 and 0.0 < value[0] <= value[1] < math.inf):
+        if isinstance(item.default, tuple):
+            pair = isinstance(value, tuple | list) and len(value) == 2 and all(map(_is_finite, value))
+            if not (pair and 0.0 < value[0] <= value[1]):
                 raise InputError(name, value, "least and most: two finite numbers, 0 < least ≤ most")
-        elif _POSITIVE.search(item.name) and not 0.0 < value < math.inf:
+        elif _POSITIVE.search(item.name) and not (_is_finite(value) and value > 0.0):
             raise InputError(name, value, "a finite number > 0")
-        elif not 0.0 <= value < math.inf:
+        elif not (_is_finite(value) and value >= 0.0):
             raise InputError(name, value, "a finite number ≥ 0")
         elif item.name.endswith("_fraction") and value >= 1.0:
             raise InputError(name, value, "a fraction, 0 ≤ fraction < 1")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +15,12 @@ from lerobot_spacedock.camera import extrinsics, intrinsics, make_renderer
 from lerobot_spacedock.env.batch import BatchedSpaceDock
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.env.reward import STEP_TERMS
-from lerobot_spacedock.env.start import check_start, check_time_steps
+from lerobot_spacedock.env.start import check_action, check_start, check_time_steps
 from lerobot_spacedock.env.sunlight import SunPath
 from lerobot_spacedock.env.termination import OUTCOMES, RUNNING
 from lerobot_spacedock.episode_log import EpisodeLog, log_path, write_episode_log
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, SimulationError
 from lerobot_spacedock.physics.frames import (
-    ACTION_DIM,
-    ACTION_NAMES,
     POSITION,
     QUATERNION,
     STATE_NAMES,
@@ -116,6 +113,7 @@ class SpaceDockEnv(gym.Env):
             InputError: an unknown option, or a state or time grid that cannot be flown.
         """
         super().reset(seed=seed)
+        self._running = False  # until the start is found good
         options = dict(options or {})
         unknown = set(options) - {"state", "time_steps"} - _IGNORED_OPTIONS
         if unknown:
@@ -152,11 +150,16 @@ class SpaceDockEnv(gym.Env):
 
         Raises:
             InputError: wrong shape, not numeric or not finite.
+            SimulationError: the state is no longer finite, or the chaser has no mass left; the episode has ended.
             gymnasium.error.ResetNeeded: the episode has ended.
         """
         if not self._running:
-            raise gym.error.ResetNeeded("the episode has ended: call reset() before the next step()")
-        result = self._simulator.step(_check_action(action)[None], observe=False)
+            raise gym.error.ResetNeeded("no episode is running: call reset() before the next step()")
+        try:
+            result = self._simulator.step(check_action(action)[None], observe=False)
+        except SimulationError as error:
+            self._running = False
+            raise SimulationError(f"seed {self._seed}, {error}") from error
         sim = self._simulator.sim
         reward, state = float(result.reward[0]), self._true_state()
         for name, value in (
@@ -282,16 +285,6 @@ def _observed_indices(config: SpaceDockConfig) -> np.ndarray:
 
 def _bound(name: str) -> float:
     return 1.0 if name.startswith("q") else np.inf
-
-
-def _check_action(action: np.ndarray | Sequence[float]) -> np.ndarray:
-    try:
-        values = np.asarray(action, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError("action", action, f"{ACTION_DIM} numbers: {', '.join(ACTION_NAMES)}") from error
-    if values.shape != (ACTION_DIM,):
-        raise InputError("action", f"shape {values.shape}", f"({ACTION_DIM},): {', '.join(ACTION_NAMES)}")
-    return values
 
 
 def _plain(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Checks what a caller gives to ``reset(options=…)``."""
+"""Checks what a caller gives to ``reset(options=…)`` and ``step``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,15 @@ from typing import Any
 import numpy as np
 
 from lerobot_spacedock.errors import InputError
-from lerobot_spacedock.physics.frames import MASS, QUATERNION, STATE_DIM, STATE_NAMES, state_from_dataset_units
+from lerobot_spacedock.physics.frames import (
+    ACTION_DIM,
+    ACTION_NAMES,
+    MASS,
+    QUATERNION,
+    STATE_DIM,
+    STATE_NAMES,
+    state_from_dataset_units,
+)
 
 MAX_QUATERNION_ERROR = 1e-3  # float32 datasets are off by 1e-7; more than this is another quantity
 MAX_STEP_s = 1e4  # beyond the orbit's period a "step" is a mistake of units
@@ -59,8 +67,21 @@ def check_time_steps(values: Any) -> np.ndarray:
     return steps
 
 
-def _numbers(name: str, values: Any) -> np.ndarray:
+def check_action(values: Any) -> np.ndarray:
+    """A command, N and N·m in body axes, (6,); whether it is finite is for the simulator to say.
+
+    Raises:
+        InputError: wrong shape, or not numeric.
+    """
+    names = ", ".join(ACTION_NAMES)
+    action = _numbers("action", values, f"{ACTION_DIM} numbers: {names}")
+    if action.shape != (ACTION_DIM,):
+        raise InputError("action", f"shape {action.shape}", f"({ACTION_DIM},): {names}")
+    return action
+
+
+def _numbers(name: str, values: Any, allowed: str = "numbers") -> np.ndarray:
     try:
         return np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(name, values, "numbers") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(name, values, allowed) from error

@@ -10,7 +10,7 @@ import lerobot_spacedock  # noqa: F401
 from lerobot_spacedock.env import ENV_IDS
 from lerobot_spacedock.env.start import check_start, check_time_steps
 from lerobot_spacedock.episode_log import log_path, read_episode_log
-from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.errors import InputError, SimulationError, SpaceDockError
 
 
 def make(env_id="SpaceDock-v0", **options):
@@ -64,6 +64,7 @@ def test_clipping_is_counted_not_silent(tmp_path):
         ([0, 0, 0], r"got shape \(3,\)"),
         ("push", "6 numbers"),
         ([None] * 6, "finite|6 numbers"),
+        ([10**400, 0, 0, 0, 0, 0], "6 numbers"),
     ],
 )
 def test_bad_actions_are_refused_and_the_episode_goes_on(action, message):
@@ -71,6 +72,22 @@ def test_bad_actions_are_refused_and_the_episode_goes_on(action, message):
     env.reset(seed=0)
     with pytest.raises(InputError, match=message):
         env.step(action)
+    env.step(np.zeros(6))
+
+
+def test_what_breaks_an_episode_or_its_start_ends_it():
+    env = make()
+    env.reset(seed=3, options={"state": [*GOOD_START[:6], 1e-3, *GOOD_START[7:]]})  # a gram of a chaser
+    with pytest.raises(SimulationError, match=r"seed 3, row 0, step 1: .*no mass"):
+        env.step([60.0] * 6)
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros(6))
+    env.reset(seed=3)
+    with pytest.raises(InputError):
+        env.reset(seed=4, options={"state": [1.0]})
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros(6))
+    env.reset(seed=3)
     env.step(np.zeros(6))
 
 
@@ -84,6 +101,7 @@ GOOD_START = [0, -25, 0, 0, 0, 0, 1000, 1, 0, 0, 0, 0, 0, 0]
         ({"state": [*GOOD_START[:7], 0, 0, 0, 0, 0, 0, 0]}, "unit quaternion"),
         ({"state": [*GOOD_START[:6], -5.0, *GOOD_START[7:]]}, "mass > 0"),
         ({"state": [np.nan, *GOOD_START[1:]]}, "x = nan"),
+        ({"state": [10**400, *GOOD_START[1:]]}, "allowed: numbers"),
         ({"time_steps": []}, "at least one"),
         ({"time_steps": [0.9, -0.1]}, "index 1"),
         ({"time_steps": [[0.9]]}, "one dimension"),
@@ -106,6 +124,16 @@ def test_bad_reset_options_are_named(options, message):
         ({"reward": {"rate_scale_deg_s": 0.0}}, r"reward\.rate_scale_deg_s: got 0\.0; allowed: a finite number > 0"),
         ({"corridor": {"half_angle_deg": -1.0}}, r"corridor\.half_angle_deg"),
         ({"meta": {"thrust_scale": (1.1, 0.9)}}, r"meta\.thrust_scale: .*least and most"),
+        ({"meta": {"thrust_scale": [1.1, 0.9]}}, r"meta\.thrust_scale: .*least and most"),
+        ({"meta": {"thrust_scale": 0.9}}, r"meta\.thrust_scale: .*least and most"),
+        ({"corridor": {"half_angle_deg": 95.0}}, r"corridor\.half_angle_deg: got 95"),
+        ({"corridor": {"enabled": "false"}}, r"corridor\.enabled: got false; allowed: True \| False"),
+        ({"with_mass": "false"}, r"with_mass: got false; allowed: True \| False"),
+        ({"reward": {"cruise_speed_m_s": 0.05}}, r"reward\.cruise_speed_m_s: .*reward\.closing_speed_m_s \(0\.075\)"),
+        ({"reward": {"alive": "3"}}, r"reward\.alive: got 3; allowed: a finite number ≥ 0"),
+        ({"reward": 3}, r"env\.reward: got 3; allowed: a dict .*braking_power"),
+        ({"time_step_mean_s": "1"}, r"time_step_mean_s: got 1; allowed: a finite number > 0"),
+        ({"station_pose": ["a"] * 16}, "station_pose: .*16 finite numbers"),
         ({"meta": {"mass_fraction": 1.0}}, r"meta\.mass_fraction: .*fraction < 1"),
         ({"sun": "bright"}, "fixed"),
     ],
@@ -113,6 +141,11 @@ def test_bad_reset_options_are_named(options, message):
 def test_bad_options_are_named(options, message):
     with pytest.raises(InputError, match=message):
         gym.make("SpaceDock-v0", **options)
+
+
+def test_a_range_may_be_a_list():
+    env = gym.make("SpaceDockMeta-v0", obs_type="agent_pos", meta={"thrust_scale": [0.9, 1.0]})
+    assert env.unwrapped.config.meta.thrust_scale == (0.9, 1.0)
 
 
 numbers = st.floats(width=64) | st.integers(-10, 10)
