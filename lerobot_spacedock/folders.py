@@ -22,10 +22,13 @@ def only_process(folder: Path, flag: str) -> Iterator[None]:
         flag: by which the user named the folder.
 
     Raises:
-        InputError: another process holds it.
+        InputError: another process holds it, or it is the root.
     """
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    path = folder.with_name(f".{folder.name}.lock")
+    place = folder.resolve()  # "." has no name
+    if not place.name:
+        raise InputError(flag, str(folder), "a folder below the root of the file system")
+    place.parent.mkdir(parents=True, exist_ok=True)
+    path = place.with_name(f".{place.name}.lock")
     with path.open("w") as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -51,9 +54,9 @@ def check_writable(folder: Path, flag: str) -> None:
         InputError: the system refuses; with its reason.
     """
     nearest = folder.absolute()
-    while not nearest.exists():
-        nearest = nearest.parent
     try:
+        while not nearest.exists():
+            nearest = nearest.parent
         with tempfile.TemporaryFile(dir=nearest):
             pass
     except OSError as error:
@@ -79,7 +82,7 @@ def disk_errors(folder: Path, remedy: str) -> Iterator[None]:
 
 def free_space(path: Path) -> str:
     """A sentence for error messages: how much room is left where ``path`` is to be written."""
-    while not path.exists():
+    while not os.path.exists(path):  # False, where Path.exists raises: a name too long, a folder that may not be read
         path = path.parent
     usage = shutil.disk_usage(path)
     return f"{usage.free / 1e6:.0f} MB of {usage.total / 1e6:.0f} MB are free there."
