@@ -19,15 +19,16 @@ def effort(action: np.ndarray, dt: np.ndarray, mass: np.ndarray) -> dict[str, fl
         mass: kg, (K+1,), as logged.
 
     Returns:
-        ``delta_v_m_s`` takes the mean mass of each step (exact to third order in the burnt share). ``propellant_kg`` is
-        ``None`` where thrust was commanded and the logged mass never changes: then the log's maker did not track it.
+        ``delta_v_m_s`` takes the mean mass of each step (the relative error is a twelfth of the square of the burnt
+        share); ``None`` where a mass is not above 0. ``propellant_kg`` is ``None`` where thrust was commanded and the
+        logged mass never changes: then the log's maker did not track it.
     """
     thrust, torque = lengths(action[:, :3]), lengths(action[:, 3:])
     impulse = float(np.sum(thrust * dt))
     tracked = impulse == 0.0 or mass[0] != mass[-1]
     saturated = np.abs(action) >= COMMAND_LIMITS * (1.0 - LIMIT_TOLERANCE)
     return {
-        "delta_v_m_s": float(np.sum(thrust * dt / (0.5 * (mass[1:] + mass[:-1])))),
+        "delta_v_m_s": float(np.sum(thrust * dt / (0.5 * (mass[1:] + mass[:-1])))) if (mass > 0.0).all() else None,
         "propellant_kg": float(mass[0] - mass[-1]) if tracked else None,
         "impulse_N_s": impulse,
         "angular_impulse_N_m_s": float(np.sum(torque * dt)),

@@ -19,7 +19,7 @@ def group_starts(starts: np.ndarray, tolerance: float = START_TOLERANCE) -> np.n
     starts = np.asarray(starts, dtype=np.float64)
     if len(starts) == 0:
         return np.empty(0, dtype=int)
-    coarse = np.round(starts / (tolerance * 1e-3)).astype(np.int64)
+    coarse = np.round(starts / (tolerance * 1e-3))
     _, first, inverse = np.unique(coarse, axis=0, return_index=True, return_inverse=True)
     pairs = spatial.cKDTree(starts[first]).query_pairs(tolerance, p=np.inf, output_type="ndarray")
     graph = sparse.coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(first), len(first)))

@@ -21,6 +21,7 @@ from lerobot_spacedock.metrics.catalog import CATALOG
 from lerobot_spacedock.metrics.collect import EpisodeSet, collect
 
 EVALUATIONS = "evaluation_[0-9][0-9][0-9][0-9]"
+LONGEST_PAUSE_s = 86400.0
 
 
 def terminal_scalars(episodes: EpisodeSet) -> dict[str, float]:
@@ -92,6 +93,10 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if not options.log_dir.is_dir():
             raise InputError("log_dir", str(options.log_dir), "a folder that exists")
+        if options.eval_freq < 1:
+            raise InputError("--eval_freq", options.eval_freq, "an integer ≥ 1")
+        if options.follow is not None and not 0.0 < options.follow <= LONGEST_PAUSE_s:
+            raise InputError("--follow", options.follow, f"s, above 0 and at most {LONGEST_PAUSE_s:g}")
         while True:
             held = set() if options.follow is None else _unfinished(options.log_dir)
             written = write_scalars(options.log_dir, out, eval_freq=options.eval_freq, done=done | held)

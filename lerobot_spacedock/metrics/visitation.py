@@ -54,8 +54,8 @@ def density(
 
     Args:
         cells: the counts.
-        horizontal_m: window, rounded out to whole cells.
-        vertical_m: window, rounded out to whole cells.
+        horizontal_m: window, its ends rounded down to whole cells.
+        vertical_m: window, its ends rounded down to whole cells.
         smoothing_m: standard deviation of the smoothing kernel.
 
     Returns:

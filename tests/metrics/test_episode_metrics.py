@@ -111,6 +111,14 @@ def test_effort_states_what_the_log_did_not_track():
     assert (nothing["delta_v_m_s"], nothing["propellant_kg"], nothing["saturated_share"]) == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_log_without_a_mass_has_no_delta_v():
+    numbers = effort(np.ones((2, 6)), np.ones(2), np.zeros(3))
+    assert numbers["delta_v_m_s"] is None
+    assert numbers["propellant_kg"] is None
+    assert numbers["impulse_N_s"] == pytest.approx(2 * math.sqrt(3))
+
+
 def test_good_docking_and_each_way_to_spoil_it():
     def flags(**options):
         return episode_metrics(make_log(np.array([-0.2, -0.13, -0.06, 0.01]), vy=0.07, **options))

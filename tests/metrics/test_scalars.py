@@ -47,6 +47,13 @@ def test_what_was_written_is_not_written_again(tmp_path):
     assert write_scalars(tmp_path, tmp_path / "tb", done=done) == []
 
 
+@pytest.mark.parametrize("option", ["--follow=-1", "--follow=0", "--follow=nan", "--eval_freq=0"])
+def test_a_pace_that_cannot_be_kept_is_refused(tmp_path, option, capsys):
+    write_evaluation(tmp_path / "evaluation_0001", [2.0])
+    assert main([str(tmp_path), option]) == 2
+    assert option.partition("=")[0] in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("folder", ["", "missing"])
 def test_nothing_to_read_is_said(tmp_path, folder, capsys):
     assert main([str(tmp_path / folder)]) == 2

@@ -218,3 +218,8 @@ def test_starts_match_across_order_rounding_and_repeats():
 
 def test_ten_thousand_equal_starts_take_little_memory():
     assert np.array_equal(np.unique(paired.group_starts(np.ones((10_000, 13)))), [0])
+
+
+@pytest.mark.filterwarnings("error")
+def test_starts_beyond_all_reason_are_still_told_apart():
+    assert list(paired.group_starts(np.array([[1e13, 0.0], [2e13, 0.0], [1e13, -0.0]]))) == [0, 1, 0]
