@@ -28,7 +28,7 @@ from lerobot_spacedock.dataset.scale import ExecutorConfig, run_executor
 from lerobot_spacedock.dataset.segments import Segment, pieces
 from lerobot_spacedock.dataset.selection import RULES, best, check_rule, score
 from lerobot_spacedock.dataset.sources import EpisodeRef
-from lerobot_spacedock.dataset.workers import available_cores
+from lerobot_spacedock.dataset.workers import available_cores, check_workers
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.env.registration import ENV_IDS
 from lerobot_spacedock.env.scenario_config import get_initial_conditions
@@ -98,7 +98,7 @@ class DemosConfig:
     log_dir: str | None = None
     # processes (or tasks at a time) that draw and encode; 0 takes one a core
     num_workers: int = 0
-    # where they run
+    # where episodes are drawn and encoded: this machine's processes, or tasks of a pipeline
     executor: ExecutorConfig = field(default_factory=ExecutorConfig)
 
     def env_config(self, initial_conditions: str) -> SpaceDockConfig:
@@ -184,6 +184,7 @@ def _check(config: DemosConfig) -> None:
         raise InputError("--num_episodes", config.num_episodes, "at least 1")
     if config.candidates < config.num_episodes:
         raise InputError("--num_candidates", config.num_candidates, f"at least --num_episodes={config.num_episodes}")
+    check_workers(config.num_workers)
     if config.seed < 0:
         raise InputError("--seed", config.seed, "0 or more")
     if config.repeat_terminal < 0 or (config.repeat_terminal and Segment.parse(config.segment).whole):

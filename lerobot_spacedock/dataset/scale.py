@@ -54,6 +54,9 @@ class ExecutorConfig:
             raise InputError("--executor.kind", self.kind, " | ".join(KINDS))
         if self.kind == "slurm" and not self.partition:
             raise InputError("--executor.partition", self.partition, "a partition of the cluster, for slurm")
+        for name, least in (("cpus_per_task", 1), ("mem_per_cpu_gb", 1), ("retries", 0)):
+            if getattr(self, name) < least:
+                raise InputError(f"--executor.{name}", getattr(self, name), f"{least} or more")
         if not re.fullmatch(r"\d+:[0-5]\d:[0-5]\d", self.time):
             raise InputError("--executor.time", self.time, "hours, minutes and seconds: HH:MM:SS")
 

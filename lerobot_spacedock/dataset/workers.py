@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from lerobot_spacedock.dataset.job import Job, Plan
 from lerobot_spacedock.dataset.shards import finished, read_summary, remove_stale, write_shard
-from lerobot_spacedock.errors import SpaceDockError
+from lerobot_spacedock.errors import InputError, SpaceDockError
 
 POLL_s = 0.3
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -23,6 +23,12 @@ _THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREA
 
 def available_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def check_workers(count: int) -> None:
+    """Raises InputError for a ``--num_workers`` that is no number of processes."""
+    if count < 0:
+        raise InputError("--num_workers", count, "0 for one a core, or more")
 
 
 def run_shards(job: Job, *, num_workers: int, total_frames: int | None) -> None:

@@ -124,6 +124,7 @@ def test_a_second_process_keeps_out(tmp_path):
         ({"num_candidates": 3, "num_episodes": 5}, "--num_candidates"),
         ({"select": "luck"}, "--select"),
         ({"seed": -1}, "--seed"),
+        ({"num_workers": -1}, "--num_workers"),
         ({"repo_id": "x y/z"}, "--repo_id"),
         ({"sun": "red"}, "sun"),
         ({"image": True, "camera": CameraConfig(height=47, width=64)}, "image size"),
