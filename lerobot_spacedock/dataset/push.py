@@ -17,7 +17,8 @@ from lerobot_spacedock.folders import free_space
 
 KINDS = ("dataset", "policy", "env")
 LARGE_BYTES = 2 * 1024**3
-IGNORED = [".cache/**", "images/**", "**/*.tmp", "**/.*.tmp", "*.part/**"]
+# as the hub's library reads patterns: a star stands for slashes too
+IGNORED = [".git/*", ".cache/*", "images/*", "*.tmp", "*.part/*"]
 
 
 @dataclass
@@ -98,7 +99,7 @@ def _prepare(config: PushConfig, scratch: Path) -> Path:
 
 
 def _upload(config: PushConfig, folder: Path) -> int:
-    files = [file for file in folder.rglob("*") if file.is_file() and not _ignored(file.relative_to(folder))]
+    files = _sent(folder)
     for file in files:
         if not is_inside(folder, file):
             raise InputError("--root", str(file), "files of that folder", f"It is a link to {file.resolve()}.")
@@ -136,8 +137,12 @@ def _upload(config: PushConfig, folder: Path) -> int:
     return 0
 
 
-def _ignored(path: Path) -> bool:
-    return path.parts[0] in (".cache", "images") or path.name.endswith(".tmp")
+def _sent(folder: Path) -> list[Path]:
+    """The files that the hub's library will take, by the patterns that it is given."""
+    from huggingface_hub.utils import filter_repo_objects
+
+    files = (file for file in folder.rglob("*") if file.is_file())
+    return list(filter_repo_objects(files, ignore_patterns=IGNORED, key=lambda file: str(file.relative_to(folder))))
 
 
 def _tags(config: PushConfig) -> list[str]:

@@ -240,6 +240,20 @@ def test_a_link_that_leads_out_is_not_pushed(hub, dataset, tmp_path):
     assert hub.requests == []
 
 
+@pytest.mark.parametrize("large", ["never", "always"])
+def test_what_a_killed_writer_left_is_neither_listed_nor_sent(hub, dataset, tmp_path, large, capsys):
+    mine = shutil.copytree(dataset, tmp_path / "mine")
+    (mine / "later.part").mkdir()
+    left = [".frames.jpg.4711.tmp", "notes.tmp", "meta/.info.json.tmp", "later.part/plan.json"]
+    for name in left:
+        (mine / name).write_text("half")
+    send(mine, dry_run=True)
+    shown = capsys.readouterr().out
+    assert not any(name in shown for name in left)
+    send(mine, large=large)
+    assert not set(left) & set(hub.repositories[("dataset", REPO)].files("v3.0"))
+
+
 def test_the_environment_is_made_from_the_hub(hub, tmp_path):
     push(PushConfig("test/env", kind="env"))
     code = """
