@@ -14,7 +14,7 @@ from lerobot_spacedock.dataset.findings import component_names
 from lerobot_spacedock.dataset.licence import license_of
 from lerobot_spacedock.dataset.pictures_check import FrameStore
 from lerobot_spacedock.dataset.reader import DatasetReader
-from lerobot_spacedock.errors import FileFormatError
+from lerobot_spacedock.errors import FileFormatError, reading
 from lerobot_spacedock.files import write_text
 
 STRIP_FILE = "frames.jpg"
@@ -59,10 +59,16 @@ def dataset_card(root: Path, repo_id: str, *, license_id: str | None = None, tag
 
 
 def write_card(root: Path, repo_id: str, *, license_id: str | None = None, tags: tuple[str, ...] = ()) -> Path:
-    """Writes the strip of frames and ``README.md`` into the dataset."""
+    """Writes the strip of frames and ``README.md`` into the dataset.
+
+    Raises:
+        FileFormatError: what the dataset says of itself cannot be used.
+    """
     write_strip(DatasetReader(root))
     path = root / "README.md"
-    write_text(path, dataset_card(root, repo_id, license_id=license_id, tags=tags))
+    with reading(root, "a dataset that says how it was made"):
+        text = dataset_card(root, repo_id, license_id=license_id, tags=tags)
+    write_text(path, text)
     return path
 
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from lerobot_spacedock.dataset.card import CITATION
 from lerobot_spacedock.dataset.env_flags import cameras_of, env_flags
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.episode_log import POLICY_FILE
+from lerobot_spacedock.errors import InputError, reading
 from lerobot_spacedock.files import read_object, write_text
 from lerobot_spacedock.metrics.collect import measured
 from lerobot_spacedock.metrics.statistics import clopper_pearson
@@ -30,7 +31,19 @@ def write_model_card(
         log_dir: episode logs of its evaluation; results are only on the card where there are logs.
         license_id: by the hub's short name.
         tags: of the card.
+
+    Raises:
+        InputError: there is no log in ``log_dir``.
+        FileFormatError: what the policy says of itself, or a log, cannot be used.
     """
+    with reading(folder, "a policy"):
+        text = _card(folder, repo_id, log_dir, license_id, tags)
+    path = folder / "README.md"
+    write_text(path, text)
+    return path
+
+
+def _card(folder: Path, repo_id: str, log_dir: str | None, license_id: str, tags: tuple[str, ...]) -> str:
     import yaml
 
     policy = read_object(folder / "config.json")
@@ -60,9 +73,7 @@ def write_model_card(
         "that dataset's card says the limits.",
         f"## Licence and citation\n\nLicence: {license_id}. The task is that of\n\n```bibtex\n{CITATION}\n```",
     ]
-    path = folder / "README.md"
-    write_text(path, "\n\n".join(parts) + "\n")
-    return path
+    return "\n\n".join(parts) + "\n"
 
 
 def _seen(inputs: dict[str, Any]) -> str:
@@ -115,7 +126,7 @@ def _results(log_dir: str | None) -> tuple[list[str], str]:
 
 def _evaluation(log_dir: Path) -> str | None:
     """The command that the evaluation has left beside its logs."""
-    path = log_dir / "policy.json"
+    path = log_dir / POLICY_FILE
     return read_object(path).get("command") if path.exists() else None
 
 

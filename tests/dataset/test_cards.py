@@ -11,7 +11,7 @@ from lerobot_spacedock.dataset.card import write_card
 from lerobot_spacedock.dataset.convert import ConvertConfig, convert
 from lerobot_spacedock.dataset.env_flags import env_flags
 from lerobot_spacedock.dataset.model_card import write_model_card
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.metrics.statistics import clopper_pearson
 
 
@@ -107,6 +107,31 @@ def test_a_models_card_shows_the_command_that_measured_it(log_folder, tmp_path):
     (logs / "policy.json").write_text(json.dumps({"command": "lerobot-eval --policy.n_action_steps=1"}))
     text = write_model_card(tmp_path, "a/b", str(logs), license_id="mit").read_text()
     assert "```bash\nlerobot-eval --policy.n_action_steps=1\n```" in text
+
+
+@pytest.mark.parametrize(
+    ("config", "train"),
+    [
+        ({"input_features": {"observation.images.camera": {"shape": [3, 3, 640]}}}, {}),
+        ({"input_features": {"observation.state": {}}}, {}),
+        ({"input_features": {"observation.state": 3}}, {}),
+        ({}, {"dataset": 3}),
+        ({}, {"env": "none"}),
+    ],
+)
+def test_a_policy_whose_description_cannot_be_used_is_named(config, train, tmp_path):
+    (tmp_path / "config.json").write_text(json.dumps({"type": "act"} | config))
+    (tmp_path / "train_config.json").write_text(json.dumps(train))
+    with pytest.raises(FileFormatError, match=f"{tmp_path.name}: not readable as a policy"):
+        write_model_card(tmp_path, "a/b", None, license_id="mit")
+    assert not (tmp_path / "README.md").exists()
+
+
+@pytest.mark.parametrize("facts", [{"made_by": "me"}, {"env": 3}, {"expert": {}}, {"selection": {"flown": 3}}])
+def test_a_dataset_whose_account_of_itself_cannot_be_used_is_named(facts, raw_dataset):
+    (raw_dataset / "meta" / "spacedock.json").write_text(json.dumps(facts))
+    with pytest.raises(FileFormatError, match="not readable as a dataset that says how it was made"):
+        write_card(raw_dataset, "me/authors")
 
 
 def test_a_folder_without_logs_is_no_measurement(tmp_path):
