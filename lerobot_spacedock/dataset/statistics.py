@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from lerobot_spacedock.errors import FileFormatError
 from lerobot_spacedock.files import aside, write_json
 
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
@@ -140,7 +141,7 @@ def repair_statistics(root: Path | str) -> dict[str, dict[str, np.ndarray]]:
 
 
 def _repair_episode_statistics(root: Path, names: list[str]) -> None:
-    rows = _episode_rows(root, names)
+    rows = _RowBuffer(root, names)
     for path in sorted((root / "meta" / "episodes").glob("chunk-*/file-*.parquet")):
         with (
             pq.ParquetFile(path) as file,
@@ -151,10 +152,10 @@ def _repair_episode_statistics(root: Path, names: list[str]) -> None:
                 writer.write_table(_with_statistics(pa.Table.from_batches([batch]), rows, names))
 
 
-def _with_statistics(table: pa.Table, rows: _episode_rows, names: list[str]) -> pa.Table:
+def _with_statistics(table: pa.Table, rows: _RowBuffer, names: list[str]) -> pa.Table:
     """The metadata of some episodes with their ``stats/…`` columns replaced; takes their rows off the buffer."""
     per_episode = [
-        {name: vector_statistics(values) for name, values in next_rows(rows, length).items()}
+        {name: vector_statistics(values) for name, values in rows.take(length).items()}
         for length in table.column("length").to_pylist()
     ]
     for name in names:
@@ -168,25 +169,30 @@ def _with_statistics(table: pa.Table, rows: _episode_rows, names: list[str]) -> 
     return table
 
 
-class _episode_rows:
+class _RowBuffer:
     """A buffer over ``iterate_columns`` from which whole episodes are taken in order."""
 
     def __init__(self, root: Path, names: list[str]) -> None:
+        self.root, self.names = root, names
         self.batches = iterate_columns(root, names)
-        self.names = names
         self.buffer: dict[str, np.ndarray] | None = None
 
+    def take(self, length: int) -> dict[str, np.ndarray]:
+        """The next ``length`` rows of each column.
 
-def next_rows(rows: _episode_rows, length: int) -> dict[str, np.ndarray]:
-    """The next ``length`` rows of each column."""
-    parts: dict[str, list[np.ndarray]] = {name: [] for name in rows.names}
-    missing = length
-    while missing > 0:
-        if rows.buffer is None or len(rows.buffer[rows.names[0]]) == 0:
-            rows.buffer = next(rows.batches)
-        for name in rows.names:
-            parts[name].append(rows.buffer[name][:missing])
-        taken = len(parts[rows.names[0]][-1])
-        rows.buffer = {name: values[taken:] for name, values in rows.buffer.items()}
-        missing -= taken
-    return {name: np.concatenate(part) for name, part in parts.items()}
+        Raises:
+            FileFormatError: there are not so many.
+        """
+        parts: dict[str, list[np.ndarray]] = {name: [] for name in self.names}
+        missing = length
+        while missing > 0:
+            if self.buffer is None or len(self.buffer[self.names[0]]) == 0:
+                self.buffer = next(self.batches, None)
+                if self.buffer is None:
+                    raise FileFormatError(f"{self.root}: meta/episodes counts {missing} rows more than data/ holds.")
+            for name in self.names:
+                parts[name].append(self.buffer[name][:missing])
+            taken = len(parts[self.names[0]][-1])
+            self.buffer = {name: values[taken:] for name, values in self.buffer.items()}
+            missing -= taken
+        return {name: np.concatenate(part) for name, part in parts.items()}

@@ -11,6 +11,7 @@ from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.record import DatasetLayout, DatasetRecorder
 from lerobot_spacedock.dataset.statistics import StreamStatistics, repair_statistics, vector_statistics
 from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.errors import FileFormatError
 
 
 def mass_log(seed: int, steps: int = 30, *, constant: bool = False) -> EpisodeLog:
@@ -57,6 +58,18 @@ def test_each_episode_keeps_its_own(mass_dataset):
             table[f"stats/{schema.STATE}/std"][row].as_py(), state.std(axis=0), rtol=1e-9, atol=1e-12
         )
         np.testing.assert_allclose(table[f"stats/{schema.STATE}/max"][row].as_py(), state.max(axis=0))
+
+
+def test_a_dataset_that_counts_more_rows_than_it_holds_is_named(tmp_path):
+    root = tmp_path / "short"
+    with DatasetRecorder(root, DatasetLayout("test/short", image=False)) as recorder:
+        recorder.add_episode(mass_log(0, 9))
+    path = root / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
+    table = pq.read_table(path)
+    place = table.column_names.index("length")
+    pq.write_table(table.set_column(place, "length", [[12]]), path)
+    with pytest.raises(FileFormatError, match="short: meta/episodes counts 3 rows more than data/ holds"):
+        repair_statistics(root)
 
 
 def test_a_normalised_near_constant_channel_is_normal(mass_dataset):
