@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core.registry import CPUDispatcher
 
 from lerobot_spacedock.user_cache import user_cache_dir
 
@@ -44,6 +45,32 @@ def jit(function: Callable | None = None, **options: Any) -> Callable:
         numba.config.CACHE_DIR = saved
 
 
+class _Inner(CPUDispatcher):
+    """What has no entry from Python says so; Numba itself would jump to nowhere."""
+
+    def __call__(self, *_, **__):
+        raise TypeError(f"{self.py_func.__qualname__} can be called by compiled functions only: see jit.inner")
+
+
+def inner(function: Callable | None = None, *, allocates: bool = False, **options: Any) -> Callable:
+    """:func:`jit` for what only other compiled functions call.
+
+    Around each function Numba compiles two more, for calls from Python and from C, and counts references to each array
+    that it touches. A function that is spared both takes a fifth less time to compile.
+
+    Args:
+        function: what to compile.
+        allocates: it makes arrays, so their references must be counted.
+        **options: as of :func:`jit`.
+    """
+    if function is None:
+        return functools.partial(inner, allocates=allocates, **options)
+    compiled = jit(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=allocates, **options)
+    if isinstance(compiled, CPUDispatcher):  # not where NUMBA_DISABLE_JIT is set
+        compiled.__class__ = _Inner
+    return compiled
+
+
 @functools.cache
 def cache_dir(room: str) -> Path:
     """The folder of a room's compiled kernels for exactly these sources; a temporary one if it cannot be made."""
@@ -51,7 +78,7 @@ def cache_dir(room: str) -> Path:
     for source_room in _SOURCES[room]:
         for path in sorted((_ROOT / source_room).rglob("*.py")):
             content = path.read_bytes()
-            if source_room == "physics" or b"import jit" in content:
+            if source_room == "physics" or b"spacedock.jit import" in content:
                 digest.update(path.name.encode() + content)
     name = f"{room}-{digest.hexdigest()[:16]}"
     for find_base in (lambda: user_cache_dir() / "kernels", _temporary_dir):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lerobot_spacedock.jit import jit
+from lerobot_spacedock.jit import inner, jit
 
 from .kernels_sky import EARTH_SIZE
 
@@ -12,7 +12,7 @@ STAR_COUNT = 2600
 _STAR_SEED = 409
 
 
-@jit(nogil=True)
+@inner
 def _hash(x, y, seed):
     h = (
         np.uint32(x) * np.uint32(374761393)
@@ -24,7 +24,7 @@ def _hash(x, y, seed):
     return np.float32(h & np.uint32(0xFFFFFF)) * np.float32(1.0 / 16777216.0)
 
 
-@jit(nogil=True)
+@inner
 def _noise(u, v, seed):
     """Value noise in 0..1, smooth between lattice points."""
     iu, iv = int(np.floor(u)), int(np.floor(v))
@@ -38,7 +38,7 @@ def _noise(u, v, seed):
     return top + fv * (low - top)
 
 
-@jit(nogil=True)
+@inner
 def _layers(u, v, octaves, seed):
     """Octaves of noise, each half as large and twice as fine (both floats: literal ints are each compiled for)."""
     total = np.float32(0.0)
@@ -51,7 +51,7 @@ def _layers(u, v, octaves, seed):
     return total
 
 
-@jit(nogil=True)
+@inner
 def _step(low, high, x):
     t = min(max((x - low) / (high - low), np.float32(0.0)), np.float32(1.0))
     return t * t * (np.float32(3.0) - np.float32(2.0) * t)
@@ -65,30 +65,31 @@ def _paint_earth(size, out):
             u, v = 16.0 * j / size, 16.0 * i / size
             wx, wy = _layers(0.7 * u + 5.0, 0.7 * v, 4.0, 11.0), _layers(0.7 * u, 0.7 * v + 7.0, 4.0, 23.0)
             land = _step(f(0.50), f(0.53), _layers(0.45 * u + 1.5 * wx + 40.0, 0.45 * v + 1.5 * wy + 40.0, 9.0, 31.0))
-            dry = _layers(0.9 * u + 70.0, 0.9 * v + 20.0, 7.0, 47.0)
-            green = _step(f(0.35), f(0.6), dry)
-            rough = f(0.7) + f(0.6) * _layers(9.0 * u, 9.0 * v, 4.0, 59.0)
-            lr = (f(0.26) - f(0.19) * green) * rough
-            lg = (f(0.20) - f(0.08) * green) * rough
-            lb = (f(0.13) - f(0.09) * green) * rough
             deep = f(0.8) + f(0.4) * _layers(2.0 * u + 30.0, 2.0 * v, 4.0, 61.0)
-            red = f(0.012) * deep + land * (lr - f(0.012))
-            grn = f(0.035) * deep + land * (lg - f(0.035))
-            blu = f(0.095) * deep + land * (lb - f(0.095))
+            red, grn, blu = f(0.012) * deep, f(0.035) * deep, f(0.095) * deep
+            if land > f(0.0):
+                dry = _layers(0.9 * u + 70.0, 0.9 * v + 20.0, 7.0, 47.0)
+                green = _step(f(0.35), f(0.6), dry)
+                rough = f(0.7) + f(0.6) * _layers(9.0 * u, 9.0 * v, 4.0, 59.0)
+                red += land * ((f(0.26) - f(0.19) * green) * rough - f(0.012))
+                grn += land * ((f(0.20) - f(0.08) * green) * rough - f(0.035))
+                blu += land * ((f(0.13) - f(0.09) * green) * rough - f(0.095))
             # weather systems: warped streaks, broken into cells at small scale
             cx, cy = (
                 _layers(0.35 * u + 3.0 * wx, 0.8 * v + 3.0 * wy, 9.0, 71.0),
                 _layers(6.0 * u + 4.0 * wx, 6.0 * v, 6.0, 83.0),
             )
             thick = _step(f(0.47), f(0.66), cx * f(0.72) + cy * f(0.28))
-            puffs = _step(f(0.56), f(0.68), _layers(14.0 * u + 2.0 * wy, 14.0 * v + 2.0 * wx, 5.0, 97.0)) * _step(
-                f(0.35), f(0.5), cx
-            )
-            cloud = max(thick, f(0.75) * puffs)
-            white = f(0.62) + f(0.25) * _layers(4.0 * u, 4.0 * v, 5.0, 101.0)
-            red += cloud * (white - red)
-            grn += cloud * (white - grn)
-            blu += cloud * (f(1.02) * white - blu)
+            cloud = thick
+            damp = _step(f(0.35), f(0.5), cx)
+            if f(0.75) * damp > thick:
+                puffs = _step(f(0.56), f(0.68), _layers(14.0 * u + 2.0 * wy, 14.0 * v + 2.0 * wx, 5.0, 97.0)) * damp
+                cloud = max(thick, f(0.75) * puffs)
+            if cloud > f(0.0):
+                white = f(0.62) + f(0.25) * _layers(4.0 * u, 4.0 * v, 5.0, 101.0)
+                red += cloud * (white - red)
+                grn += cloud * (white - grn)
+                blu += cloud * (f(1.02) * white - blu)
             gloss = (f(1.0) - land) * (f(1.0) - cloud)
             p = np.uint32(min(max(red, f(0.0)), f(1.0)) * f(255.0))
             p |= np.uint32(min(max(grn, f(0.0)), f(1.0)) * f(255.0)) << np.uint32(8)

@@ -1,4 +1,7 @@
-"""One frame, from triangles to bytes: the kernels in their order, a few rows of pixels at a time."""
+"""From the samples that ``draw_triangles`` leaves to bytes: the kernels in their order, a few rows of pixels at a time.
+
+Visibility and colour are two calls from Python: one function that held both would have LLVM optimise all of it twice.
+"""
 
 from __future__ import annotations
 
@@ -6,30 +9,28 @@ import numpy as np
 
 from lerobot_spacedock.jit import jit
 
-from .kernels_raster import SAMPLE_X_4, draw_triangles
+from .kernels_raster import SAMPLE_X_4
 from .kernels_resolve import CHUNK, SCRATCH_ROWS, STRIDE, collect, gather, locate
 from .kernels_shade import clothe, deposit, encode, lighten, shade_shadow
 from .kernels_simd import CELL_SAMPLES, cell_place
 from .kernels_sky import paint_sky, paint_stars, project_stars
 
 PIXELS_AT_ONCE = 1280  # so many that chunks of fragments are seldom cut short, so few that they stay in the cache
-FINEST_PIXELS = 0.05  # parts that look narrower are left out of the picture (never out of depth and segments)
 
 
 @jit(nogil=True)
-def draw_frame(corners, faces, surface, clusters, spheres, cones, table, materials, texels, maps, cascades, sun_axes,
-               earth, stars, star_gain, light, rot, eye, view, width, height, samples, cells, away, floors, linear,
-               out):  # fmt: skip
-    """Draw into ``out`` (H*W*3 uint8), or into ``linear`` (H*W*3 float32) where that is not empty."""
-    draw_triangles(corners, faces, surface, clusters, spheres, cones, rot, eye, view, width, height, samples,
-                   FINEST_PIXELS, cells, away, floors)  # fmt: skip
+def paint_frame(cells, away, table, materials, texels, maps, cascades, sun_axes, earth, stars, star_gain, light, rot,
+                eye, view, width, height, samples, linear, out):  # fmt: skip
+    """Colour the samples: into ``out`` (H*W*3 uint8), or into ``linear`` (H*W*3 float32) where that is not empty."""
     rows = max(1, PIXELS_AT_ONCE // width)
     room = rows * width * samples + 8
-    frag_surface, frag_pixel = np.zeros(room, np.int32), np.empty(room, np.int32)
+    frag_surface, frag_pixel = np.empty(room, np.int32), np.empty(room, np.int32)
     frag_x, frag_y, frag_weight = np.empty(room, np.float32), np.empty(room, np.float32), np.empty(room, np.float32)
     sky, colour = np.empty(rows * width, np.float32), np.empty(rows * width * 3, np.float32)
-    scratch, taps = np.zeros(SCRATCH_ROWS * STRIDE, np.float32), np.zeros(4 * STRIDE, np.int32)
-    kinds = np.zeros(STRIDE, np.int32)
+    scratch, taps = np.empty(SCRATCH_ROWS * STRIDE, np.float32), np.empty(4 * STRIDE, np.int32)
+    kinds = np.empty(STRIDE, np.int32)
+    # fragments are gathered in eights: those after the last one must be of some surface (np.zeros compiles slowly)
+    frag_surface[:], kinds[:], taps[:], scratch[:] = 0, 0, 0, np.float32(0.0)
     found, n_stars = np.empty((stars.shape[0], 5)), -1 if star_gain > 0.0 else 0
     for row0 in range(0, height, rows):
         row1 = min(row0 + rows, height)
@@ -62,11 +63,8 @@ def draw_frame(corners, faces, surface, clusters, spheres, cones, table, materia
 
 
 @jit(nogil=True)
-def draw_geometry(corners, faces, surface, clusters, spheres, cones, segment, rot, eye, view, width, height, far, cells,
-                  away, floors):  # fmt: skip
-    """Depth along the view axis (H, W) float32 m and segment (H, W) uint8 at each pixel's centre."""
-    draw_triangles(corners, faces, surface, clusters, spheres, cones, rot, eye, view, width, height, 1, 0.0, cells,
-                   away, floors)  # fmt: skip
+def read_geometry(cells, segment, width, height, far):
+    """Depth along the view axis (H, W) float32 m and segment (H, W) uint8, of samples at the pixels' centres."""
     distance = np.empty((height, width), np.float32)
     what = np.empty((height, width), np.uint8)
     blocks = (width + 7) >> 3

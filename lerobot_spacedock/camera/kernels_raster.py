@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from lerobot_spacedock.jit import jit
+from lerobot_spacedock.jit import inner, jit
 
 from .kernels_simd import CELL, CELL_SAMPLES, TILE_CELLS, cell_place, farthest, fill_cells
 
@@ -29,7 +29,7 @@ LANES = CLUSTER_TRIANGLES + 8  # numbers between the rows of a cluster's scratch
 AX, AY, AW, BX, BY, BW, CX, CY, CW, GX, GY, G0, LONG, UPPER, LOWER, HOLDS = range(16)
 
 
-@jit(nogil=True)
+@inner
 def order_clusters(spheres, cones, rot, eye, view, width, height, finest, kept, near):
     """Clusters that may be in the picture, nearest first → their number; ``near`` gets each one's nearest depth, m."""
     fx, fy, cx, cy, clip = view[0], view[1], view[2], view[3], view[4]
@@ -63,7 +63,7 @@ def order_clusters(spheres, cones, rot, eye, view, width, height, finest, kept, 
     return n
 
 
-@jit(nogil=True)
+@inner
 def _sort(n, near, kept):
     """Sort the first ``n`` of both by ``near`` (shell sort: np.argsort takes much longer to compile)."""
     gap = 1
@@ -79,7 +79,7 @@ def _sort(n, near, kept):
             near[j], kept[j] = distance, cluster
 
 
-@jit(nogil=True)
+@inner
 def _look_back(cells, blocks, groups, floors):
     """Find the farthest depth of each tile."""
     for tile in range(floors.shape[0]):
@@ -87,7 +87,7 @@ def _look_back(cells, blocks, groups, floors):
         floors[tile] = farthest(cells, tile * TILE_CELLS * CELL, min(TILE_CELLS, left))
 
 
-@jit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _hidden(floors, across, x0, x1, y0, y1, per_tile, w):
     """Whether something at 1/z ≤ w within the given pixels lies behind all that is drawn there."""
     down = floors.shape[0] // across
@@ -101,7 +101,7 @@ def _hidden(floors, across, x0, x1, y0, y1, per_tile, w):
     return True
 
 
-@jit(nogil=True)
+@inner
 def _cluster_hidden(sphere, rot, eye, view, floors, across, per_tile):
     dx, dy, dz = sphere[0] - eye[0], sphere[1] - eye[1], sphere[2] - eye[2]
     radius = float(sphere[3])
@@ -168,7 +168,7 @@ def draw_triangles(corners, planes, surface, clusters, spheres, cones, rot, eye,
         _fill(n, shapes, number, chosen, width, height, samples, blocks, tiles, cells)
 
 
-@jit(nogil=True)
+@inner
 def _project(corners, planes, first, end, rot, eye, view, width, height, samples, flat, keep):
     """Project a cluster's triangles, eight at a time.
 
@@ -228,7 +228,7 @@ def _project(corners, planes, first, end, rot, eye, view, width, height, samples
         flat[CX * LANES + k], flat[CY * LANES + k], flat[CW * LANES + k] = gx, gy, cw
 
 
-@jit(nogil=True)
+@inner
 def _choose(corners, planes, surface, first, end, rot, eye, view, flat, keep, chosen, shapes, number, away):
     """Bring the triangles that leave a trace together in ``shapes``, their surfaces in ``number``; → their number."""
     n = cuts = np.int64(0)  # a literal 0 would have _clip compiled twice
@@ -253,13 +253,13 @@ def _choose(corners, planes, surface, first, end, rot, eye, view, flat, keep, ch
     return n
 
 
-@jit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _behind(planes, f, eye):
     """How far the camera is behind a triangle's plane."""
     return planes[3, f] - (planes[0, f] * eye[0] + planes[1, f] * eye[1] + planes[2, f] * eye[2])
 
 
-@jit(nogil=True)
+@inner
 def _set_up(n, samples, shapes):
     """Slopes of ``n`` triangles' edges and depths; which of them hold a sample, where they have four rows at most."""
     row = 2 * LANES
@@ -292,7 +292,7 @@ def _set_up(n, samples, shapes):
         shapes[HOLDS * row + k] = 1.0 if holds else 0.0
 
 
-@jit(nogil=True)
+@inner
 def _fill(n, shapes, number, chosen, width, height, samples, blocks, floors, cells):
     """Scan-convert ``n`` triangles, but for tiles that hold nothing farther than they are."""
     row = 2 * LANES
@@ -323,7 +323,7 @@ def _fill(n, shapes, number, chosen, width, height, samples, blocks, floors, cel
                        (4 * g + 0.5) * step, step, offsets, number[k])  # fmt: skip
 
 
-@jit(nogil=True)
+@inner(allocates=True)
 def _clip(corners, f, rot, eye, view, shapes, n):
     """Cut a triangle at the near plane → 1 or 2 projected triangles after the ``n`` in ``shapes``; their number.
 

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from lerobot_spacedock.jit import jit
+from lerobot_spacedock.jit import inner
 
 from .kernels_simd import CELL_SAMPLES, cell_place, fetch_ahead, pure_columns, turn_rows
 
@@ -47,7 +47,7 @@ C_SCALE, C_U, C_V, C_LEVELS, C_LEVEL_0, C_PUSH, C_SIZE, C_START, C_REACH = range
 CASCADE_SIZE = 9
 
 
-@jit(nogil=True)
+@inner
 def collect(cells, row, width, samples, off_x, pixel0, n, frag_surface, frag_pixel, frag_x, frag_y, frag_weight, sky):
     """List the fragments of one row of pixels after the ``n`` that are there; → their number, and that of sky pixels.
 
@@ -127,7 +127,7 @@ def collect(cells, row, width, samples, off_x, pixel0, n, frag_surface, frag_pix
     return n, bare
 
 
-@jit(nogil=True)
+@inner
 def gather(first, n, frag_surface, away, table, materials, s, kinds):
     """Bring the rows of ``n`` fragments' surfaces and materials into the scratch array, from fragment ``first`` on."""
     for k in range(0, n, 8):
@@ -143,7 +143,7 @@ def gather(first, n, frag_surface, away, table, materials, s, kinds):
             turn_rows(materials, MATERIAL_SIZE, kinds, k, 8 * part, s, to, STRIDE)
 
 
-@jit(nogil=True)
+@inner
 def locate(first, n, frag_x, frag_y, cascades, sun_axes, rot, eye, view, s):
     """Find position, normal, texture and shadow map places of ``n`` gathered fragments.
 

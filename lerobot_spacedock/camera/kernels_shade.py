@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from lerobot_spacedock.jit import jit
+from lerobot_spacedock.jit import inner, jit
 
 from .kernels_resolve import (
     AB,
@@ -57,7 +57,7 @@ SUN_DIR, SUN_RGB, EARTH_RGB, FILL_RGB, LAMP_RGB, EXPOSURE, LAMP_SOFT_m2, LAMP_ON
 LIGHT_SIZE = 18
 
 
-@jit(nogil=True)
+@inner
 def shade_shadow(n, light, maps, s, taps):
     """Share of the Sun that reaches n fragments (0..1): four texels of the map, bilinear."""
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -80,7 +80,7 @@ def shade_shadow(n, light, maps, s, taps):
         s[SUN * STRIDE + k] = top + fv * (low - top)
 
 
-@jit(nogil=True)
+@inner
 def clothe(n, texels, s, taps):
     """Colour and relief of n fragments from their material's pattern, bilinear in the nearest mip level."""
     f32, i32 = np.float32, np.int32
@@ -139,7 +139,7 @@ def clothe(n, texels, s, taps):
         s[AB * STRIDE + k] = (s[AB * STRIDE + k] + second * s[SB * STRIDE + k]) * tint
 
 
-@jit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def film(x):
     """Film-like curve (a rational fit of the ACES reference curve)."""
     x = min(x, np.float32(60.0))
@@ -149,7 +149,7 @@ def film(x):
     )  # fmt: skip
 
 
-@jit(nogil=True)
+@inner
 def lighten(n, light, s):
     """Light, expose and tone-map n fragments; their colours take the place of their reflectance."""
     lx, ly, lz = light[0], light[1], light[2]
@@ -211,7 +211,7 @@ def lighten(n, light, s):
         s[AR * STRIDE + k], s[AG * STRIDE + k], s[AB * STRIDE + k] = film(red), film(green), film(blue)
 
 
-@jit(nogil=True)
+@inner
 def deposit(first, n, frag_pixel, frag_weight, s, colour):
     """Add n fragments' colours to their pixels."""
     for k in range(np.uint64(n)):

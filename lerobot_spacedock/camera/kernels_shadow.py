@@ -12,7 +12,7 @@ FAR_BELOW = np.float32(-1e9)
 
 
 @jit(nogil=True)
-def draw_depth(corners, basis, offset_u, offset_v, texels_per_m, size, out):
+def draw_depth(corners, basis, offset_u, offset_v, texels_per_m, size, ramp, out):
     """Draw all triangles, orthographically along the Sun's direction.
 
     Args:
@@ -21,11 +21,11 @@ def draw_depth(corners, basis, offset_u, offset_v, texels_per_m, size, out):
         offset_u, offset_v: m, map coordinates of texel corner (0, 0).
         texels_per_m: 1/m.
         size: texels along each side.
+        ramp: float32; 0, 1, 2 … up to the size at least.
         out: (size*size,) float32, filled with the largest height towards the Sun, m.
     """
     out[:] = FAR_BELOW
     limit = float(size)
-    ramp = np.arange(size).astype(np.float32)
     for f in range(corners.shape[0]):
         ax = (
             basis[0, 0] * corners[f, 0] + basis[0, 1] * corners[f, 1] + basis[0, 2] * corners[f, 2] - offset_u

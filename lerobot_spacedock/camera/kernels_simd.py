@@ -18,7 +18,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from lerobot_spacedock.jit import jit
+from lerobot_spacedock.jit import inner
 
 CELL_COLUMNS, CELL_ROWS = 8, 4
 CELL_SAMPLES = CELL_COLUMNS * CELL_ROWS
@@ -32,7 +32,7 @@ def tiles_of(width: int, height: int, samples: int) -> int:
     return ((width + 7) >> 3) * ((groups + TILE_CELLS - 1) // TILE_CELLS)
 
 
-@jit(nogil=True, forceinline=True)
+@inner(forceinline=True)
 def cell_place(group, block, blocks):
     """Where the cell of four sample rows ``group`` and eight columns ``block`` begins."""
     return (((group >> 3) * blocks + block) * TILE_CELLS + (group & 7)) * CELL
@@ -295,7 +295,7 @@ def _smallest(typing, cells, place):
     return signature, codegen
 
 
-@jit(nogil=True)
+@inner
 def farthest(cells, place, count):
     """The smallest 1/z of ``count`` cells of a tile; stops at the first sample without anything."""
     low = np.float32(np.inf)

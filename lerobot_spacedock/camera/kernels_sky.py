@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lerobot_spacedock.jit import jit
+from lerobot_spacedock.jit import inner, jit
 from lerobot_spacedock.physics.constants import EARTH_EQUATORIAL_RADIUS_m, ORBIT_RADIUS_m
 
 from .kernels_shade import film
@@ -20,7 +20,7 @@ _HORIZON = math.sqrt(1.0 - 1.0 / (_RO * _RO))  # cosine from the nadir of the ge
 _AIR_TOP = (1.0 + 140e3 / EARTH_EQUATORIAL_RADIUS_m) ** 2  # nothing glows above this
 
 
-@jit(nogil=True)
+@inner
 def _ground(n, pixel, row0, width, sky, rot, view, light, earth, s, taps, colour):
     """Add the sunlit Earth to ``n`` pixels whose rays meet it."""
     f32, i32 = np.float32, np.int32
@@ -107,7 +107,7 @@ def _ground(n, pixel, row0, width, sky, rot, view, light, earth, s, taps, colour
         colour[p + np.uint64(2)] += share * s[2 * CHUNK + k]
 
 
-@jit(nogil=True)
+@inner
 def _limb(rx, ry, rz, down, gap, sx, sy, sz):
     """Radiance (red, green, blue) of the air above the limb along a unit ray that misses the ground."""
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -180,7 +180,7 @@ def paint_sky(row0, row1, width, sky, rot, view, light, earth, colour):
     _ground(found, pixel, row0, width, sky, rot, view, light, earth, s, taps, colour)
 
 
-@jit(nogil=True)
+@inner
 def _glow(pixel, share, rx, ry, rz, light, colour):
     """Add the air above the limb, and the Sun with its flare, to a pixel along a unit ray that misses the ground."""
     one, zero = np.float32(1.0), np.float32(0.0)

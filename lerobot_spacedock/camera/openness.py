@@ -59,6 +59,7 @@ def _measure(mesh: StationMesh) -> np.ndarray:
     near = (np.abs(inside).max(axis=1) < 1.1).astype(np.uint8)
     groups = ((MAPS[0], near), (MAPS[1], (1 - near).astype(np.uint8)))
     seen, weight = np.zeros(len(inside)), np.zeros(len(inside))
+    ramp = np.arange(max(size for _, size in MAPS), dtype=np.float32)
     golden = math.pi * (3.0 - math.sqrt(5.0))
     for k in range(DIRECTIONS):
         z = 1.0 - (2.0 * k + 1.0) / DIRECTIONS
@@ -80,7 +81,7 @@ def _measure(mesh: StationMesh) -> np.ndarray:
                 low_u, low_v = round(pu.min(), 4) - 0.1, round(pv.min(), 4) - 0.1
                 width = max(round(pu.max(), 4) - low_u, round(pv.max(), 4) - low_v) + 0.1
             depth = np.empty(size * size, np.float32)
-            draw_depth(flat, basis, low_u, low_v, size / width, size, depth)
+            draw_depth(flat, basis, low_u, low_v, size / width, size, ramp, depth)
             _accumulate(
                 inside, normals, basis, low_u, low_v, size / width, size, depth, 1.2 * width / size, seen, weight, todo
             )

@@ -169,8 +169,8 @@ def part_widths(corners: np.ndarray) -> np.ndarray:
     A convex body's mean silhouette is a quarter of its surface; here it is divided by the longest side of its box.
     """
     number = corner_numbers(corners)
-    part = _parts(number, int(number.max()) + 1)
-    count = int(part.max()) + 1
+    points, part = int(number.max()) + 1, np.empty(len(number), np.int64)
+    count = _parts(number, np.arange(points), np.full(points, -1), part)
     across = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * np.bincount(part, np.sqrt(dot(across, across)), count)
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
@@ -181,9 +181,12 @@ def part_widths(corners: np.ndarray) -> np.ndarray:
 
 
 @jit
-def _parts(number, count):
-    """The part of each triangle (F,): those that share a corner, directly or through others."""
-    root = np.arange(count)
+def _parts(number, root, names, part):
+    """Fill ``part`` (F,) with the part of each triangle: those that share a corner, directly or through others.
+
+    → their number. ``root`` comes as 0, 1, 2 … and ``names`` as -1 for each corner: to make them here would take longer
+    to compile than all the rest.
+    """
     for f in range(len(number)):
         a = number[f, 0]
         while root[a] != a:
@@ -197,7 +200,6 @@ def _parts(number, count):
             if b < a:
                 a, b = b, a
             root[b] = a
-    names, part = np.full(count, -1), np.empty(len(number), np.int64)
     parts = 0
     for f in range(len(number)):
         a = number[f, 0]
@@ -207,7 +209,7 @@ def _parts(number, count):
             names[a] = parts
             parts += 1
         part[f] = names[a]
-    return part
+    return parts
 
 
 def _material_table() -> np.ndarray:
@@ -236,6 +238,7 @@ def draw_shadow_maps(scene: Scene, sun: np.ndarray) -> dict[str, np.ndarray]:
     heights = dot(points, sun)
     maps = np.empty(sum(s * s for _, s in SHADOW_LAYOUT), np.uint16)
     depth = np.empty(max(s * s for _, s in SHADOW_LAYOUT), np.float32)
+    ramp = np.arange(max(s for _, s in SHADOW_LAYOUT), dtype=np.float32)
     cascades = np.zeros((len(SHADOW_LAYOUT), CASCADE_SIZE), np.float32)
     start = 0
     for c, (half, texels) in enumerate(SHADOW_LAYOUT):
@@ -251,7 +254,7 @@ def draw_shadow_maps(scene: Scene, sun: np.ndarray) -> dict[str, np.ndarray]:
             width = max(pu.max() - low_u, pv.max() - low_v) * 1.01
             low_u, low_v = low_u - 0.005 * width, low_v - 0.005 * width
         per_m = texels / width
-        draw_depth(corners, basis, low_u, low_v, per_m, texels, depth[: texels * texels])
+        draw_depth(corners, basis, low_u, low_v, per_m, texels, ramp, depth[: texels * texels])
         levels = 65535.0 / (high - low)
         _to_levels(depth[: texels * texels], np.float32(levels), np.float32(low), maps[start : start + texels * texels])
         # bilinear taps sit half a texel in; bias and push hide the staircase of the map on slanted faces

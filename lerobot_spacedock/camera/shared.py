@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import sys
 import threading
 from pathlib import Path
@@ -73,7 +74,10 @@ def star_table() -> np.ndarray:
 
 @contextlib.contextmanager
 def compiling_notice(stage: str):
-    """Say on standard error that kernels are being compiled, if the first use of a stage takes more than a moment."""
+    """Say on standard error that kernels are being compiled, if the first use of a stage takes more than a moment.
+
+    Rests the garbage collector meanwhile: a compiler makes many objects, and it would go through them again and again.
+    """
     if stage in _begun:
         yield
         return
@@ -82,7 +86,11 @@ def compiling_notice(stage: str):
     notice = threading.Timer(NOTICE_AFTER_s, print, (text,), {"file": sys.stderr, "flush": True})
     notice.daemon = True
     notice.start()
+    collects = gc.isenabled()
+    gc.disable()
     try:
         yield
     finally:
         notice.cancel()
+        if collects:
+            gc.enable()

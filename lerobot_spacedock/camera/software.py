@@ -8,6 +8,7 @@ import numpy as np
 
 from lerobot_spacedock.errors import SimulationError
 
+from . import warm
 from .config import CameraConfig
 from .exposure import light_array
 from .kernels_resolve import CASCADE_SIZE
@@ -18,6 +19,7 @@ from .scene import ShadowMaps
 from .sensor import Sensor
 from .shared import compiling_notice, earth_texels, pattern_texels, shared_scene, star_table
 
+FINEST_PIXELS = 0.05  # parts that look narrower are left out of the picture (never out of depth and segments)
 _work = threading.local()
 
 
@@ -26,6 +28,7 @@ class SoftwareRenderer:
 
     def __init__(self, config: CameraConfig, station_mesh=None, station_pose=None) -> None:
         self.config = config
+        warm.begin()
         with compiling_notice("scene"):
             self._scene = shared_scene(config.port, config.detail, station_mesh, station_pose)
         k = intrinsics(config)
@@ -38,30 +41,29 @@ class SoftwareRenderer:
         """See :class:`lerobot_spacedock.camera.Renderer`."""
         r, q = checked_pose(r_H, q_HB)
         with compiling_notice("frame"):
+            warm.finish()
             return self._image(r, rotation_CH(q), checked_sun(sun_H), generator)
 
     def render_buffers(self, r_H, q_HB, sun_H, *, generator=None) -> Buffers:
         """See :class:`lerobot_spacedock.camera.Renderer`."""
-        from .frame import draw_geometry
+        from .frame import read_geometry
 
         r, q = checked_pose(r_H, q_HB)
         rot = rotation_CH(q)
         with compiling_notice("frame"):
+            warm.finish()
             image = self._image(r, rot, checked_sun(sun_H), generator)
         scene, config = self._scene, self.config
-        depth, segment = draw_geometry(
-            scene.corners, scene.faces, scene.surface, scene.clusters, scene.spheres, scene.cones, scene.segment,
-            rot, r, self._view, config.width, config.height, np.float32(config.far_m),
-            *_scratch(len(scene.table), config.width, config.height, 1),
-        )  # fmt: skip
-        return Buffers(image, depth, segment)
+        width, height = config.width, config.height
+        cells, _ = _draw_samples(scene, rot, r, self._view, width, height, 1, 0.0)
+        return Buffers(image, *read_geometry(cells, scene.segment, width, height, np.float32(config.far_m)))
 
     def close(self) -> None:
         """Let go of the scene (other renderers may go on sharing it)."""
         self._scene = None
 
     def _image(self, r, rot, sun, generator) -> np.ndarray:
-        from .frame import draw_frame
+        from .frame import paint_frame
 
         if self._scene is None:
             raise SimulationError("this renderer is closed; make another with make_renderer()")
@@ -72,17 +74,29 @@ class SoftwareRenderer:
         height, width = config.height + 2 * self._pad[0], config.width + 2 * self._pad[1]
         linear = np.empty((height, width, 3) if self._sensor else (0, 0, 3), np.float32)
         image = np.empty((config.height, config.width, 3), np.uint8)
-        draw_frame(
-            scene.corners, scene.faces, scene.surface, scene.clusters, scene.spheres, scene.cones, scene.table,
-            scene.materials, pattern_texels(), maps.maps, maps.cascades, maps.axes, earth_texels(), star_table(),
-            star_gain, light, rot, r, self._wide_view, width, height, config.samples,
-            *_scratch(len(scene.table), width, height, config.samples), linear.reshape(-1), image.reshape(-1),
+        samples = _draw_samples(scene, rot, r, self._wide_view, width, height, config.samples, FINEST_PIXELS)
+        paint_frame(
+            *samples, scene.table, scene.materials, pattern_texels(), maps.maps, maps.cascades, maps.axes,
+            earth_texels(), star_table(), star_gain, light, rot, r, self._wide_view, width, height, config.samples,
+            linear.reshape(-1), image.reshape(-1),
         )  # fmt: skip
         return self._sensor.expose(linear, generator) if self._sensor else image
 
 
 # one map about the port that nothing can be outside of, and no texels
 _NO_MAPS = ShadowMaps(np.zeros(0, np.uint16), np.zeros((3, CASCADE_SIZE), np.float32), np.zeros((3, 3), np.float32))
+
+
+def _draw_samples(scene, rot, eye, view, width, height, samples, finest) -> tuple[np.ndarray, np.ndarray]:
+    """What each sample shows, and how far behind the camera each shown surface's plane is (``draw_triangles``)."""
+    from .kernels_raster import draw_triangles
+
+    cells, away, floors = _scratch(len(scene.table), width, height, samples)
+    draw_triangles(
+        scene.corners, scene.faces, scene.surface, scene.clusters, scene.spheres, scene.cones, rot, eye, view,
+        width, height, samples, finest, cells, away, floors,
+    )  # fmt: skip
+    return cells, away
 
 
 def _scratch(surfaces: int, width: int, height: int, samples: int) -> tuple[np.ndarray, ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lerobot_spacedock.jit import jit
+from lerobot_spacedock.jit import inner, jit
 
 PLANE_m = 1e-4  # a corner farther than this from the first triangle's plane is in another plane
 # how far a corner may stray from the first triangle's affine functions, which are then fitted anew to all corners
@@ -29,7 +29,9 @@ def find_surfaces(corners: np.ndarray, values: np.ndarray, plane: np.ndarray, ki
     area = dot(cross(e1, e2), cross(e1, e2))
     order = np.argsort(-np.round(area, 9), kind="stable")
     functions = affine(corners, values)
-    return _grow(order, _neighbours(corners), corners, values, functions, plane, kind)
+    surface, stack = np.full(len(order), -1), np.empty(3 * len(order) + 3, np.int64)
+    _grow(order, _neighbours(corners), corners, values, functions, plane, kind, surface, stack)
+    return surface
 
 
 def affine(corners: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -121,10 +123,8 @@ def _neighbours(corners: np.ndarray) -> np.ndarray:
 
 
 @jit
-def _grow(order, neighbours, corners, values, functions, plane, kind):
-    """Grow a surface from each triangle that has none yet, over neighbours that keep to its functions."""
-    surface = np.full(len(order), -1, np.int64)
-    stack = np.empty(3 * len(order) + 3, np.int64)
+def _grow(order, neighbours, corners, values, functions, plane, kind, surface, stack):
+    """Grow a surface from each triangle that has none yet (-1), over neighbours that keep to its functions."""
     for seed in order:
         if surface[seed] >= 0:
             continue
@@ -143,10 +143,9 @@ def _grow(order, neighbours, corners, values, functions, plane, kind):
                 surface[there] = seed
                 stack[height] = there
                 height += 1
-    return surface
 
 
-@jit
+@inner
 def _keeps_to(seed, there, corners, values, functions, plane):
     faces = 0.0
     for k in range(3):
