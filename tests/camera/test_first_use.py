@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import test_frames_everywhere as everywhere
 
-from lerobot_spacedock.camera import CameraConfig, make_renderer, warm
+from lerobot_spacedock.camera import CameraConfig, kernels_resolve, make_renderer, warm
 
 pytestmark = pytest.mark.render
 COLD = """
@@ -46,7 +46,8 @@ def test_helpers_by_number_of_cpus(cpus, alone, monkeypatch):
     warm.begin()
     assert len(alone) == {1: 0, 2: 1, 3: 1}.get(cpus, 3)
     jobs = [job for share in alone for job in share]
-    assert len(set(jobs)) == len(jobs) and set(jobs) <= {*warm.KERNELS, "earth"} - {"frame"}
+    assert len(set(jobs)) == len(jobs)
+    assert set(jobs) <= {*warm.KERNELS, "earth"} - {"frame"}
 
 
 @pytest.mark.parametrize("reason", ["warm", "another process", "frozen"])
@@ -59,12 +60,14 @@ def test_no_helpers_where_they_would_be_of_no_use(reason, alone, monkeypatch):
     if reason == "frozen":
         monkeypatch.setattr(sys, "frozen", True, raising=False)
     warm.begin()
-    assert not alone and not warm._helpers
+    assert not alone
+    assert not warm._helpers
 
 
 def test_what_is_compiled_has_no_helpers():
     make_renderer(CameraConfig(height=96, width=128)).render((0, -3, 0), (0.5**0.5, -(0.5**0.5), 0, 0), (0, 0, 1))
-    assert warm._compiled("frame") and not warm._helpers
+    assert warm._compiled("frame")
+    assert not warm._helpers
 
 
 @pytest.mark.parametrize("program", ["raise SystemExit(1)", "import time; time.sleep(60)"])
@@ -78,7 +81,8 @@ def test_helpers_that_fail_or_hang_are_let_go(program, monkeypatch):
     monkeypatch.setattr(warm, "_helpers", [(helper, ("raster", "shade", "earth"))])
     warm.finish()
     assert done == ["sky", "stars", "frame"]
-    assert helper.returncode is not None and not warm._helpers
+    assert helper.returncode is not None
+    assert not warm._helpers
 
 
 def test_a_forked_child_leaves_its_parents_helpers_alone(monkeypatch):
@@ -86,6 +90,12 @@ def test_a_forked_child_leaves_its_parents_helpers_alone(monkeypatch):
     monkeypatch.setattr(warm, "_helpers", [("not mine", ("raster",))])
     warm.finish()
     assert warm._helpers == [("not mine", ("raster",))]
+
+
+def test_a_kernel_for_kernels_says_so():
+    """Numba itself would end the process with a segmentation fault."""
+    with pytest.raises(TypeError, match="gather"):
+        kernels_resolve.gather(0, 0, None, None, None, None, None, None)
 
 
 @pytest.mark.slow
