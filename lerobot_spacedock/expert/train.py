@@ -138,7 +138,7 @@ def _prepare(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) 
             "a folder that does not exist yet",
             "Give another --output_dir, or --resume=true to go on from its last checkpoint.",
         )
-    begun = any(output.glob("config.json*"))  # and perhaps killed before its first checkpoint
+    begun = any(output.glob("*config.json*"))  # and perhaps killed before its first checkpoint, or in writing this
     if config.resume and not begun:
         raise InputError("resume", str(output), "the output_dir of a training", "Start without --resume=true.")
     known = re.fullmatch(r"cpu|cuda(:\d+)?", config.device)

@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from lerobot_spacedock.env.reward_config import RewardConfig
 from lerobot_spacedock.env.scenario_config import MetaRanges, get_initial_conditions
 from lerobot_spacedock.errors import InputError
+
+
+def _check(group: str, config: object, allowed: str, fine: Callable[[float], bool], *names: str) -> None:
+    """Raises InputError for the first of the named options that is not ``fine``, or not a finite number."""
+    for name in names:
+        value = getattr(config, name)
+        if not (math.isfinite(value) and fine(value)):
+            raise InputError(group + name, value, allowed)
+
+
+def _check_sizes(name: str, sizes: list[int]) -> None:
+    if not sizes or min(sizes) < 1:
+        raise InputError(name, sizes, "at least one positive size")
 
 
 @dataclass(frozen=True)
@@ -43,6 +58,10 @@ class ShoveConfig:
     # deg/s, standard deviation of the change of rate, each axis: 3 N·m over a step of 0.9 s
     rate_deg_s: float = 0.23
 
+    def __post_init__(self) -> None:
+        _check("shoves.", self, "from 0 to 1", lambda value: 0.0 <= value <= 1.0, "probability")
+        _check("shoves.", self, "a number ≥ 0", lambda value: value >= 0.0, "velocity_m_s", "rate_deg_s")
+
 
 @dataclass(frozen=True)
 class ActorConfig:
@@ -62,6 +81,12 @@ class ActorConfig:
     torque_limit_Nm: float = 20.0
     # standard deviation of the first actions, in units of output
     initial_std: float = 0.5
+
+    def __post_init__(self) -> None:
+        _check("actor.", self, "an integer ≥ 0; 0 is feed-forward", lambda value: value >= 0, "lstm_size")
+        _check_sizes("actor.hidden_sizes", self.hidden_sizes)
+        scales = ("thrust_scale_N", "torque_scale_Nm", "thrust_limit_N", "torque_limit_Nm", "initial_std")
+        _check("actor.", self, "a number > 0", lambda value: value > 0.0, *scales)
 
 
 @dataclass(frozen=True)
@@ -97,6 +122,15 @@ class PpoConfig:
     max_grad_norm: float = 1.0
     # hidden layers of the critic
     critic_hidden_sizes: list[int] = field(default_factory=lambda: [128, 128])
+
+    def __post_init__(self) -> None:
+        _check("ppo.", self, "an integer ≥ 1", lambda value: value >= 1, "epochs", "mini_batches")
+        steps = ("clip", "learning_rate", "desired_kl", "final_desired_kl", "max_grad_norm")
+        _check("ppo.", self, "a number > 0", lambda value: value > 0.0, *steps, "std_ceiling", "final_std_ceiling")
+        shares = ("gamma", "gae_lambda", "mean_change_from")
+        _check("ppo.", self, "from 0 to 1", lambda value: 0.0 <= value <= 1.0, *shares)
+        _check("ppo.", self, "a number ≥ 0", lambda value: value >= 0.0, "mean_change_coef")
+        _check_sizes("ppo.critic_hidden_sizes", self.critic_hidden_sizes)
 
 
 def default_tasks() -> list[TaskShare]:
@@ -166,9 +200,10 @@ class TrainExpertConfig:
         total = sum(task.share for task in self.tasks)
         if not self.tasks or abs(total - 1.0) > 1e-6:
             raise InputError("tasks", f"shares that add up to {total:g}", "shares that add up to 1")
-        for name in ("interactions", "num_envs", "episode_steps", "checkpoint_every", "evaluate_every", "threads"):
-            if getattr(self, name) < 1:
-                raise InputError(name, getattr(self, name), "an integer ≥ 1")
+        counts = ("interactions", "num_envs", "episode_steps", "checkpoint_every", "evaluate_every", "threads")
+        counts += ("evaluation_episodes", "init_epochs")
+        _check("", self, "an integer ≥ 1", lambda value: value >= 1, *counts)
+        _check("", self, "an integer ≥ 0", lambda value: value >= 0, "seed", "stop_after", "init_critic_iterations")
         if self.num_envs % self.ppo.mini_batches:
             raise InputError("num_envs", self.num_envs, f"a multiple of ppo.mini_batches ({self.ppo.mini_batches})")
         if not 0.0 <= self.smoothness_ramp <= 1.0 or not self.smoothness_start > 0.0:
@@ -179,8 +214,6 @@ class TrainExpertConfig:
             )
         if not 0.0 <= self.smoothness_guard_percent <= 100.0:
             raise InputError("smoothness_guard_percent", self.smoothness_guard_percent, "from 0 to 100")
-        if self.init_epochs < 1:
-            raise InputError("init_epochs", self.init_epochs, "an integer ≥ 1")
         if not 0.005 <= self.init_std <= 1.0:
             raise InputError("init_std", self.init_std, "from 0.005 to 1")
 

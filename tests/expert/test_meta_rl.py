@@ -127,7 +127,7 @@ def test_save_and_load_give_the_same_policy(tmp_path):
         assert told["training"] == description["training"]
         for name, value in network.state_dict().items():
             torch.testing.assert_close(loaded.state_dict()[name], value, rtol=0, atol=0)
-    assert not list(tmp_path.glob("*.part"))
+    assert {path.name for path in tmp_path.iterdir()} == {"policy.json", "policy.safetensors"}
 
 
 def edit_json(path, change):

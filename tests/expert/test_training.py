@@ -14,9 +14,16 @@ from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.expert.checkpoint import load_actor
 from lerobot_spacedock.expert.ppo import clear_memory, collect, make_ppo, set_std_ceiling
 from lerobot_spacedock.expert.train import desired_kl, mean_change_coef, smoothness_weight, std_ceiling, train_expert
-from lerobot_spacedock.expert.train_config import ActorConfig, PpoConfig, TaskShare, TrainExpertConfig
+from lerobot_spacedock.expert.train_config import (
+    ActorConfig,
+    PpoConfig,
+    ShoveConfig,
+    TaskShare,
+    TrainExpertConfig,
+)
 from lerobot_spacedock.expert.train_state import checkpoints, export_actor, load_networks
 from lerobot_spacedock.expert.training_tasks import TRAINING_SEEDS_FROM, TrainingTasks
+from lerobot_spacedock.files import aside
 from lerobot_spacedock.folders import only_process
 
 
@@ -226,7 +233,9 @@ def test_killed_before_its_first_checkpoint_it_starts_again_with_the_same_comman
     whole, cut = small(tmp_path / "whole", interactions=2 * 8 * 10), small(tmp_path / "cut", interactions=2 * 8 * 10)
     train_expert(whole)
     (tmp_path / "cut").mkdir()
-    (tmp_path / "cut" / "config.json.part").write_text("{")  # what a kill at the very start leaves
+    with aside(tmp_path / "cut" / "config.json") as half:
+        half.write_text("{")
+    (tmp_path / "cut" / "config.json").rename(half)  # what a kill at the very start leaves
     with pytest.raises(InputError, match="--resume=true"):
         train_expert(cut)
     train_expert(replace(cut, resume=True))
@@ -260,9 +269,31 @@ def test_what_is_refused(tmp_path):
         ({"num_envs": 9}, "multiple"),
         ({"interactions": 0}, "≥ 1"),
         ({"smoothness_ramp": 1.5}, "fraction"),
+        ({"seed": -1}, "seed: got -1; allowed: an integer ≥ 0"),
+        ({"evaluation_episodes": 0}, "evaluation_episodes: got 0; allowed: an integer ≥ 1"),
     ]:
         with pytest.raises(InputError, match=said):
             small(tmp_path, **wrong)
+
+
+@pytest.mark.parametrize(
+    ("group", "wrong", "said"),
+    [
+        (PpoConfig, {"mini_batches": 0}, "ppo.mini_batches: got 0; allowed: an integer ≥ 1"),
+        (PpoConfig, {"epochs": 0}, "ppo.epochs: got 0"),
+        (PpoConfig, {"learning_rate": float("nan")}, "ppo.learning_rate: got nan; allowed: a number > 0"),
+        (PpoConfig, {"final_std_ceiling": 0.0}, "ppo.final_std_ceiling: got 0.0"),
+        (PpoConfig, {"gamma": 1.01}, "ppo.gamma: got 1.01; allowed: from 0 to 1"),
+        (PpoConfig, {"critic_hidden_sizes": []}, "ppo.critic_hidden_sizes: got []"),
+        (ActorConfig, {"initial_std": 0.0}, "actor.initial_std: got 0.0"),
+        (ActorConfig, {"hidden_sizes": [0]}, "actor.hidden_sizes: got [0]"),
+        (ShoveConfig, {"probability": 2.0}, "shoves.probability: got 2.0; allowed: from 0 to 1"),
+    ],
+)
+def test_a_training_that_cannot_run_is_refused_before_it_starts(group, wrong, said):
+    with pytest.raises(InputError) as error:
+        group(**wrong)
+    assert said in str(error.value)
 
 
 def test_without_its_extra_term_the_update_is_rsl_rls(tmp_path):
