@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,6 +19,8 @@ from lerobot_spacedock.env.scenario_config import MetaRanges
 from lerobot_spacedock.env.termination import CONTACT
 from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.expert.policy import Policy
+from lerobot_spacedock.files import write_json
+from lerobot_spacedock.folders import check_writable
 from lerobot_spacedock.physics.frames import POSITION, VELOCITY
 
 VALIDATION_SEED = 2_000_000
@@ -191,6 +192,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if arguments.episodes < 1:
             raise InputError("--episodes", arguments.episodes, "1 or more")
+        if arguments.json and arguments.json.is_dir():
+            raise InputError("--json", str(arguments.json), "the name of a file", "This is a folder.")
+        if arguments.json:
+            check_writable(arguments.json.parent, "--json")
         rows = []
         for name in arguments.policies.split(","):
             for task in arguments.tasks.split(","):
@@ -206,7 +211,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(table(rows))
     if arguments.json:
         records = [{"policy": policy, "task": task, **summary} for policy, task, summary in rows]
-        arguments.json.write_text(json.dumps(records, indent=2, default=float) + "\n", encoding="utf-8")
+        arguments.json.parent.mkdir(parents=True, exist_ok=True)
+        write_json(arguments.json, records, indent=2, default=float)
     return 0
 
 
