@@ -18,7 +18,7 @@ from lerobot_spacedock.physics.frames import ACTION_DIM
 
 _FOLDER = Path(__file__).parent / "checkpoints"
 SHIPPED = _FOLDER / "meta_rl.safetensors"  # reaches the port in the paper's 65 steps
-GENTLE = "gentle"  # name of the other one that ships: some seven steps slower, for docking without a deadline
+GENTLE = "gentle"  # name of the other one that ships: some nine steps slower, for docking without a deadline
 
 
 def find_checkpoint(given: str | Path | None = None) -> Path:

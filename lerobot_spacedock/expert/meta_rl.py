@@ -23,7 +23,8 @@ class MetaRlPolicy:
         network: the actor; ``MetaRlPolicy.load()`` takes the shipped one.
         port: where to dock; trained at Zvezda, flown at Harmony by the exact symmetry of ``policy.py``.
         device: of the network.
-        stochastic: sample actions as in training, instead of flying the mean.
+        stochastic: sample actions with the spread that the checkpoint holds, instead of flying the mean; the ceiling
+            that training put on it (``set_std_ceiling``) is not in the checkpoint.
         generator: for sampling; a fresh one, seeded with 0, where none is given.
         forgetful: clears the memory before every step (the ablation that shows what the memory is worth).
     """
