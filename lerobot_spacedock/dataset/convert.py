@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from lerobot_spacedock.dataset.scale import ExecutorConfig, run_executor
 from lerobot_spacedock.dataset.segments import Segment
 from lerobot_spacedock.dataset.selection import RULES, best, check_rule, score
 from lerobot_spacedock.dataset.sources import FORMATS, EpisodeRef, list_episodes, load
-from lerobot_spacedock.dataset.workers import available_cores
+from lerobot_spacedock.dataset.workers import available_cores, check_workers
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.invocation import command_line
@@ -68,7 +69,7 @@ class ConvertConfig:
     step_s: float = 0.907
     # processes (or tasks at a time) that draw and encode; 0 takes one a core
     num_workers: int = 0
-    # where they run
+    # where episodes are drawn and encoded: this machine's processes, or tasks of a pipeline
     executor: ExecutorConfig = field(default_factory=ExecutorConfig)
 
     def settings(self) -> dict[str, Any]:
@@ -117,6 +118,7 @@ def convert(config: ConvertConfig) -> int:
 def _check(config: ConvertConfig) -> None:
     check_repo_id(config.repo_id)
     check_rule(config.select)
+    check_workers(config.num_workers)
     if config.format not in FORMATS:
         raise InputError("--format", config.format, "; ".join(f"{name}: {text}" for name, text in FORMATS.items()))
     if config.images not in ("auto", "draw", "none"):
@@ -237,7 +239,11 @@ def _common_env(config: ConvertConfig, refs: list[EpisodeRef]) -> SpaceDockConfi
 
 
 def _has_pictures(refs: list[EpisodeRef]) -> bool:
-    return refs[0].format in ("hdf5", "npz", "minari") or bool(refs[0].option("pictures"))
+    """Whether the first episode that can be read has any."""
+    for ref in refs:
+        with contextlib.suppress(FileFormatError):
+            return load(ref).frames is not None
+    return False
 
 
 def _plain_env(config: ConvertConfig) -> SpaceDockConfig:

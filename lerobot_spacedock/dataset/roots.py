@@ -11,9 +11,16 @@ _REPO_ID = re.compile(r"[\w.-]+/[\w.-]+")
 
 
 def check_repo_id(repo_id: str) -> None:
-    """Raises InputError unless it is ``user/name``."""
+    """Raises InputError unless it is ``user/name``, and one that the hub takes."""
     if not _REPO_ID.fullmatch(repo_id):
         raise InputError("--repo_id", repo_id, "user/name, of letters, digits, '-', '_' and '.'")
+    from huggingface_hub.errors import HFValidationError
+    from huggingface_hub.utils import validate_repo_id
+
+    try:
+        validate_repo_id(repo_id)
+    except HFValidationError as error:
+        raise InputError("--repo_id", repo_id, "a name that the hub takes", str(error)) from error
 
 
 def dataset_root(repo_id: str, root: str | None) -> Path:

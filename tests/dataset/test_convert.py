@@ -272,6 +272,9 @@ def test_segments_and_their_repeats(flights, log_folder, tmp_path):
         ({"successes_first": True}, "--num_episodes"),
         ({"source": "/nonexistent"}, "--source"),
         ({"repo_id": "nouser"}, "--repo_id"),
+        ({"repo_id": "me/two--dashes"}, "--repo_id"),
+        ({"repo_id": "me/dot."}, "--repo_id"),
+        ({"num_workers": -1}, "--num_workers"),
         ({"storage": Storage("video", vcodec="gif")}, "--storage"),
     ],
 )
@@ -334,6 +337,19 @@ def test_pictures_of_another_size_are_scaled(flights, tmp_path):
     dataset = LeRobotDataset("test/converted", root=tmp_path / "d")
     assert tuple(dataset[2][schema.IMAGE].shape) == (3, 24, 32)
     np.testing.assert_allclose(dataset[2][schema.IMAGE][0].numpy() * 255, picture_of(2)[0, 0, 0], atol=1)
+
+
+@pytest.mark.render
+def test_arrays_without_pictures_are_drawn_and_the_check_compares_them(flights, tmp_path):
+    log = short(flights[0], 4)
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "episode_0.npz").write_bytes(b"damaged")
+    np.savez(tmp_path / "in" / "episode_1.npz", state=log.state, action=log.action, time=log.time)
+    run(tmp_path / "in", tmp_path / "d", format="npz", skip_bad=True, storage=Storage("image"))
+    assert json.loads((tmp_path / "d" / "meta" / "spacedock.json").read_text())["pictures"] == "drawn"
+    report = check_dataset(tmp_path / "d")
+    assert report.errors == []
+    assert report.psnr_dB[0] > 45.0
 
 
 @pytest.mark.parametrize("times", [False, True])
