@@ -14,22 +14,22 @@ from lerobot_spacedock import cli
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
+CONFIGS = sorted((ROOT / "configs").rglob("*.yaml"))
 MADE_BY_AN_EARLIER_STEP = ("outputs/", "CHECKPOINT")
 
 
 def commands_in(path):
-    """Command lines of a document's bash blocks, or of a config's leading comment."""
+    """Command lines of a document's blocks, or of a config's leading comment; those of loops and of "…" apart."""
     text = path.read_text()
     if path.suffix == ".md":
-        blocks = re.findall(r"```bash\n(.*?)```", text, flags=re.S)
+        fences = re.findall(r"^```(\w*)\n(.*?)^```", text, flags=re.S | re.M)
+        blocks = [block for language, block in fences if language in ("", "bash")]
     else:
         comments = [line.removeprefix("#") for line in text.splitlines() if line.startswith("#")]
         blocks = ["\n".join(line.strip() for line in comments if line.startswith("  "))]
     for line in "\n".join(blocks).replace("\\\n", " ").splitlines():
-        words = shlex.split(line, comments=True)
-        if words:
-            yield words
+        if re.match(r"(spacedock|lerobot-train|lerobot-eval|make) ", line) and not re.search(r"\$|…|\.\.\.", line):
+            yield shlex.split(line, comments=True)
 
 
 def found(names):
@@ -68,7 +68,7 @@ def test_every_lerobot_command_parses(path, words, monkeypatch):
     flags = [word for word in words[1:] if not word.startswith("--config_path=")]
     if any(flag.startswith("--policy.path=") for flag in flags):  # the checkpoint is of an earlier step; so is its type
         flags = ["--policy.type=act", *(flag for flag in flags if not flag.startswith("--policy.path="))]
-    (config_path,) = [word.partition("=")[2] for word in words if word.startswith("--config_path=")]
+    config_path = next((word.partition("=")[2] for word in words if word.startswith("--config_path=")), None)
     draccus.parse(LEROBOT[words[0]], config_path=config_path, args=[*flags, "--policy.device=cpu"])
 
 
