@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from lerobot_spacedock.episode_log import POLICY_FILE
 from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.folders import check_writable
 from lerobot_spacedock.metrics.collect import collect
 from lerobot_spacedock.report.model import Run, Study
 from lerobot_spacedock.report.runs import log_files, parse_runs
@@ -70,7 +71,12 @@ def load_study(cfg: ReportConfig) -> Study:
 
 
 def report(cfg: ReportConfig) -> int:
-    """Writes the report and says where it is."""
+    """Writes the report and says where it is.
+
+    Raises:
+        InputError, FileFormatError: as ``load_study``; or a folder that cannot be written.
+    """
+    check_writable(cfg.out, "--out")  # it is used last
     study = load_study(cfg)
     from lerobot_spacedock.report.write import write_report  # matplotlib only once the logs could be read
 

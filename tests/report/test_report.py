@@ -306,6 +306,8 @@ def test_mistakes_elsewhere_are_named(logs, tmp_path):
         (tmp_path / "empty.json").write_text(nothing)
         with pytest.raises(FileFormatError, match="interactions"):
             load_study(ReportConfig(runs=runs, training=[f"A={tmp_path / 'empty.json'}"]))
+    with pytest.raises(InputError, match=r"--out: .*expert\.json.*Not a directory"):
+        report(ReportConfig(runs=[f"A={tmp_path / 'never read'}"], out=logs / "expert.json" / "report"))
     with pytest.raises(InputError, match="--resamples"):
         load_study(ReportConfig(runs=runs, resamples=3))
 
