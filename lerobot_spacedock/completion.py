@@ -12,7 +12,10 @@ from draccus.argparsing import ArgumentParser
 from lerobot_spacedock.errors import InputError, MissingDependencyError
 
 # flags whose value is a file or a folder
-_PATHS = re.compile(r"(^|_)(path|root|out|output|dir|log|logs|source|save|runs|results|demos|checkpoint|mesh)$")
+_PATHS = re.compile(
+    r"(^|_)(path|root|out|output|dir|log|logs|source|save|runs|results|demos|checkpoint|mesh|dataset|json|render|video"
+    r"|training|init_from)$"
+)
 
 
 @dataclass

@@ -34,6 +34,16 @@ def test_bash_offers_verbs_and_flags(script, typed, offered):
     assert set(answer.stdout.split()) == offered
 
 
+@pytest.mark.parametrize(
+    "flag",
+    ["view --dataset", "view --render", "check --json", "report --training", "push --root"],
+)
+def test_files_are_offered_where_a_path_is_meant_and_nowhere_else(script, flag):
+    verb, _, name = flag.partition(" ")
+    assert f"_shtab_spacedock_{verb}_{name.replace('-', '_')}_COMPGEN=_shtab_compgen_files" in script.read_text()
+    assert "_repo_id_COMPGEN" not in script.read_text()
+
+
 def test_every_verb_is_there(script, capsys):
     ask = f"source {script}; COMP_WORDS=(spacedock ''); COMP_CWORD=1; _shtab_spacedock; echo ${{COMPREPLY[@]}}"
     answer = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True)
