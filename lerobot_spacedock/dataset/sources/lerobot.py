@@ -27,9 +27,7 @@ INHERITED = ("env", "expert", "initial_conditions", "first_seed", "disturbance")
 
 
 def list_episodes(path: Path, options: tuple) -> list[EpisodeRef]:
-    reader = DatasetReader(path)
-    options = (*options, ("pictures", bool(reader.cameras)))
-    return [EpisodeRef("lerobot", str(path), str(index), options) for index in range(len(reader.lengths))]
+    return [EpisodeRef("lerobot", str(path), str(index), options) for index in range(len(DatasetReader(path).lengths))]
 
 
 def load(ref: EpisodeRef) -> LoadedEpisode:
