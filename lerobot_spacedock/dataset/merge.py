@@ -1,4 +1,4 @@
-"""Puts many small datasets together by LeRobot's ``aggregate_datasets``, in memory that does not grow with them."""
+"""Puts many small datasets together by LeRobot's ``aggregate_datasets``, in memory that hardly grows with them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 # LeRobot rewrites the file it appends to once for each dataset that it merges
 MERGE_AT_ONCE = 8
-# rows of one file of episodes' metadata: as pandas objects, in which LeRobot holds them, 25 kB each
+# rows of one file of episodes' metadata, which LeRobot holds as pandas objects when it merges again: some 25 kB each
 EPISODES_A_FILE = 2000
 ROWS_AT_ONCE = 256
 
