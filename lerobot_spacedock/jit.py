@@ -74,7 +74,7 @@ def inner(function: Callable | None = None, *, allocates: bool = False, **option
 @functools.cache
 def cache_dir(room: str) -> Path:
     """The folder of a room's compiled kernels for exactly these sources; a temporary one if it cannot be made."""
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(Path(__file__).read_bytes())  # its options are every kernel's
     for source_room in _SOURCES[room]:
         for path in sorted((_ROOT / source_room).rglob("*.py")):
             content = path.read_bytes()

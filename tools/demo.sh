@@ -20,7 +20,7 @@ if [ -f "$out/dataset/meta/info.json" ]; then reuse "$out/dataset"; else
         --repo_id=spacedock/demo --root="$out/dataset"
 fi
 
-step 2 "ACT: stock lerobot-train, a few minutes on the CPU (it learns the approach; docking takes hours)"
+step 2 "ACT: stock lerobot-train, a few minutes on the CPU (it learns the approach; docking takes half an hour: configs/act_cpu.yaml)"
 checkpoint=$out/act/checkpoints/last/pretrained_model
 if [ -f "$checkpoint/model.safetensors" ]; then reuse "$checkpoint"; else
     rm -rf "$out/act"
@@ -44,7 +44,7 @@ for task in paper contact; do
     evaluate act $task --policy.path="$checkpoint" --policy.n_action_steps=1 --policy.temporal_ensemble_coeff=0.01
     echo "meta-RL expert"
     evaluate meta-rl $task --policy.type=spacedock_meta_rl --env.obs_type=agent_pos
-    echo "minimum-energy MPC, the attainable limit"
+    echo "minimum-energy MPC"
     evaluate mpc $task --policy.type=spacedock_mpc --env.obs_type=agent_pos
 done
 

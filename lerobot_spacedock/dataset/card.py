@@ -162,7 +162,7 @@ def _expert(expert: dict[str, Any]) -> str:
         return name
     trained = expert.get("training") or {}
     counts = f", trained in {trained['episodes']:,} episodes" if trained.get("episodes") else ""
-    return f"{name}, checkpoint {checkpoint or 'the one that ships'}{counts}"
+    return f"{name}, checkpoint {checkpoint or 'the default one that ships'}{counts}"
 
 
 def _disturbance(given: dict[str, Any] | None) -> str:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 # LeRobot rewrites the file it appends to once for each dataset that it merges
 MERGE_AT_ONCE = 8
 # rows of one file of episodes' metadata, which LeRobot holds as pandas objects when it merges again: some 25 kB each
-EPISODES_A_FILE = 2000
+EPISODES_A_FILE = 500
 ROWS_AT_ONCE = 256
 
 

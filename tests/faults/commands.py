@@ -93,7 +93,8 @@ def hub():
     running = LocalHub()
     running.__enter__()
     os.environ |= {
-        "HF_ENDPOINT": running.url, "HF_TOKEN": TOKEN, "HF_HUB_DISABLE_XET": "1", "HF_HUB_DISABLE_TELEMETRY": "1"
+        "HF_ENDPOINT": running.url, "HF_TOKEN": TOKEN, "HF_HUB_DISABLE_XET": "1", "HF_HUB_DISABLE_TELEMETRY": "1",
+        "HF_HUB_OFFLINE": "0"
     }  # fmt: skip
     return running
 
