@@ -4,7 +4,7 @@
 
 `--quick` takes fewer repeats (minutes instead of half an hour); a peer that is not installed is named as such
 (`pip install "lerobot_env_spacedock[bench]"` brings them). Each file of this folder also runs alone, with more detail;
-`dataset.py`, `dataset_scale.py`, `dataset_codec.py` and `report.py`, which take minutes each, run alone only.
+`dataset_scale.py`, `dataset_codec.py`, `expert.py` and `report.py`, which take minutes each, run alone only.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from collections.abc import Iterator
 
 from table import Row, show
 
-PARTS = ("imports", "simulator", "frame", "flights", "training")
+PARTS = ("imports", "simulator", "frame", "flights", "dataset", "training")
 
 
 def rows(names: list[str], quick: bool) -> Iterator[Row]:

@@ -12,6 +12,7 @@ import argparse
 import shutil
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import av
@@ -19,6 +20,7 @@ import numpy as np
 from lerobot.configs import RGBEncoderConfig
 from lerobot.datasets import dataset_writer, io_utils
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from table import Row
 
 from lerobot_spacedock.camera import CameraConfig
 from lerobot_spacedock.dataset import schema
@@ -35,6 +37,7 @@ from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.expert.feedback import FeedbackPolicy
 
 NEAR_PORT_m = 2.0
+ENCODER = "the encoder alone"
 
 
 def main() -> None:
@@ -67,10 +70,33 @@ def main() -> None:
             report_storage(Path(scratch) / label.replace(" ", "_"), label, storage, logs, frames, arguments)
 
 
+def rows(quick: bool) -> Iterator[Row]:
+    """For the table of ``python benchmarks``."""
+    arguments = argparse.Namespace(
+        episodes=1 if quick else 2, height=480, width=640, threads=2, repeats=1 if quick else 2
+    )
+    quiet_encoders()
+    logs, frames, _ = make(arguments)
+    count = sum(map(len, frames))
+    with tempfile.TemporaryDirectory() as scratch:
+        spent_s = write_in_turn(Path(scratch), logs, frames, arguments)
+    encoder = count / spent_s.pop(ENCODER)
+    for name, taken_s in spent_s.items():
+        yield Row(f"dataset writing, 480 × 640, AV1: {name}", count / taken_s, "frames/s", ENCODER, encoder)
+
+
 def report_speed(scratch: Path, logs, frames, arguments) -> None:
-    """Prints the rate of the encoder, of LeRobot's loop and of this package; each warms up on one episode."""
+    """Prints the rate of the encoder, of LeRobot's loop and of this package."""
+    count = sum(map(len, frames))
+    spent_s = write_in_turn(scratch, logs, frames, arguments)
+    for name, taken_s in spent_s.items():
+        print(f"{name:34s} {count / taken_s:7.1f} frames/s  {taken_s / spent_s[ENCODER]:.2f} × the encoder")
+
+
+def write_in_turn(scratch: Path, logs, frames, arguments) -> dict[str, float]:
+    """Writer → s, the fastest of ``repeats``; each warms up on one episode."""
     writers = {
-        "encoder alone": lambda root, logs, frames: encoder_alone(root, frames, arguments.threads),
+        ENCODER: lambda root, logs, frames: encoder_alone(root, frames, arguments.threads),
         "LeRobot's plain add_frame loop": lambda root, logs, frames: plain_loop(root, logs, frames, arguments),
         "DatasetRecorder": lambda root, logs, frames: recorder(root, logs, frames, arguments, "video"),
     }
@@ -83,10 +109,7 @@ def report_speed(scratch: Path, logs, frames, arguments) -> None:
             if repeat >= 0:
                 spent_s[name].append(taken_s)
             shutil.rmtree(root)
-    count = sum(map(len, frames))
-    encoder_s = min(spent_s["encoder alone"])
-    for name, taken in spent_s.items():
-        print(f"{name:34s} {count / min(taken):7.1f} frames/s  {min(taken) / encoder_s:.2f} × the encoder")
+    return {name: min(taken) for name, taken in spent_s.items()}
 
 
 def make(arguments: argparse.Namespace) -> tuple[list[EpisodeLog], list[list[np.ndarray]], float]:
