@@ -73,7 +73,7 @@ def main() -> None:
 def rows(quick: bool) -> Iterator[Row]:
     """For the table of ``python benchmarks``."""
     arguments = argparse.Namespace(
-        episodes=1 if quick else 2, height=480, width=640, threads=2, repeats=1 if quick else 2
+        episodes=1 if quick else 3, height=480, width=640, threads=2, repeats=1 if quick else 2
     )
     quiet_encoders()
     logs, frames, _ = make(arguments)

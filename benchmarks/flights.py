@@ -10,7 +10,9 @@ the renderer alone. Frames of 96 × 128.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import shutil
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -51,7 +53,8 @@ def demonstrations(count: int, storage: str) -> tuple[float, int]:
             expert="meta_rl", camera=CAMERA, storage=Storage(kind=storage),
         )  # fmt: skip
         start = time.perf_counter()
-        demos(config)
+        with contextlib.redirect_stdout(sys.stderr):  # stdout is the table's
+            demos(config)
         seconds = time.perf_counter() - start
         from lerobot.datasets.lerobot_dataset import LeRobotDatasetMetadata
 

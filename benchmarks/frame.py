@@ -88,7 +88,8 @@ def env_step(size, repeats: int) -> float:
         renderer.render(info["state"][POSITION], info["state"][QUATERNION], info["sun_H"])
         frame.append((time.process_time() - start) * 1e3)
     whole, part = statistics.median(step), statistics.median(frame)
-    print(f"  at {size}: step with frame {whole:.2f} ms, its frame alone {part:.2f} ms, {whole / part:.3f} x")
+    said = f"  at {size}: step with frame {whole:.2f} ms, its frame alone {part:.2f} ms, {whole / part:.3f} x"
+    print(said, file=sys.stderr)  # stdout is the table's
     env.close()
     return whole
 

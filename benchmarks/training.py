@@ -10,7 +10,9 @@ and batch on synthetic demonstrations: reading and decoding a batch, beside forw
 from __future__ import annotations
 
 import argparse
+import contextlib
 import shutil
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -78,7 +80,8 @@ def act_step(batches: int) -> tuple[float, float]:
             repo_id="spacedock/bench", root=str(scratch / "set"), num_episodes=4, num_candidates=4, expert="W",
             camera=CameraConfig(height=96, width=128), storage=Storage(kind="image"),
         )  # fmt: skip
-        demos(config)
+        with contextlib.redirect_stdout(sys.stderr):  # stdout is the table's
+            demos(config)
         chunk = 5
         dataset = LeRobotDataset(
             config.repo_id, config.root, delta_timestamps={"action": [i / 1 for i in range(chunk)]}
