@@ -142,7 +142,8 @@ def _write(
             if recorder is not None:
                 recorder.discard_episode()
             # without the folders above: it will be published with the dataset
-            left_out.append((ref.label, str(error).replace(f"{Path(ref.path).parent}/", "")))
+            reason = str(error).replace(f"{Path(ref.path).parent}/", "")
+            left_out.append((ref.label, reason.removeprefix(f"{ref.label}: ")))
     if recorder is not None:
         recorder.close()
     return ShardSummary(rows, left_out, dict(changed), dict(assumed))

@@ -3,8 +3,8 @@
 Per step ``scale * (alive - Σ weight_i * cost_i)``. The cost of an error is a bounded logarithmic well: quadratic where
 it is small against its scale, so that the best behaviour is a smooth one, and logarithmic far away, so that metres and
 centimetres, tumbling and a tenth of a degree are felt alike and no single term drowns the others. The change of the
-command is charged in proportion. At the end of an
-episode ``scale * terminal * Σ bonus_j`` on top, each bonus in [0, 1] times its published factor.
+command is charged in proportion. At the end of an episode ``scale * terminal * Σ bonus_j`` on top, each bonus in [0, 1]
+times its published factor.
 
 Wanted is a velocity that depends on the place alone (``SpeedProfile`` along the axis, a time constant across it) and a
 rate that depends on the attitude alone: nothing in the reward has a clock, so neither has the policy that it makes.
