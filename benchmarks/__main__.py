@@ -3,8 +3,9 @@
     python benchmarks [--quick] [--only simulator,frame]
 
 `--quick` takes fewer repeats than the whole, which takes some seven minutes on two cores; a peer that is not installed
-is named as such (`pip install "lerobot_env_spacedock[bench]"` brings them). Each file of this folder also runs alone, with more detail;
-`dataset_scale.py`, `dataset_codec.py`, `expert.py` and `report.py`, which take minutes each, run alone only.
+is named as such (`pip install "lerobot_env_spacedock[bench]"` brings them). Each file of this folder also runs alone,
+with more detail; `dataset_scale.py`, `dataset_codec.py`, `expert.py` and `report.py`, which take minutes each, run
+alone only.
 """
 
 from __future__ import annotations
