@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -28,24 +29,26 @@ def light_array(config: CameraConfig, r_H: np.ndarray, sun_H: np.ndarray) -> tup
         r_H: m, (3,), the camera; sets the lamp's brightness at the port, as a pilot's dimmer would.
         sun_H: unit vector to the Sun, (3,).
     """
-    share = sunlit_share(sun_H)
-    below = max(0.0, float(sun_H[0]) + 0.1) / 1.1  # how much of the Earth below is in daylight
-    lamp = {"on": 1.0, "off": 0.0, "auto": 1.0 if share < 0.5 else 0.0}[config.lamp]
-    x, y, z = np.asarray(r_H, float).tolist()
-    distance2 = x**2 + y**2 + z**2
-    if config.exposure > 0.0:
-        exposure = config.exposure
-    else:
-        exposure = DAY_EXPOSURE / (share + (1.0 - share) * DAY_EXPOSURE / NIGHT_EXPOSURE)
+    daylight, exposure, lamp, stars = _daylight(tuple(np.asarray(sun_H, float).tolist()), config.exposure, config.lamp)
     power = 0.0
     if lamp:
-        power = 0.055 * math.sqrt((distance2 + LAMP_REACH_m**2) * (LAMP_REACH_m**2 + 4.0))
-    light = [
-        *np.asarray(sun_H, float).tolist(),
+        x, y, z = np.asarray(r_H, float).tolist()
+        power = 0.055 * math.sqrt((x**2 + y**2 + z**2 + LAMP_REACH_m**2) * (LAMP_REACH_m**2 + 4.0))
+    light = [*daylight, *(tint * power * lamp for tint in LAMP_TINT), exposure, LAMP_REACH_m**2, lamp]
+    return np.array(light, np.float32), stars
+
+
+@functools.lru_cache(maxsize=16)  # the Sun stands still over an episode
+def _daylight(sun: tuple[float, ...], fixed: float, lamp: str) -> tuple[tuple[float, ...], float, float, np.float32]:
+    """The light array's first twelve numbers, the exposure, how far the lamp is on, and the brightness of the stars."""
+    share = sunlit_share(sun)
+    below = max(0.0, sun[0] + 0.1) / 1.1  # how much of the Earth below is in daylight
+    light = (
+        *sun,
         *(tint * share for tint in SUN_TINT),
         *(tint * below + fill * 0.5 for tint, fill in zip(EARTH_TINT, NIGHT_FILL, strict=True)),
         *(own * share + fill for own, fill in zip(OWN_FILL, NIGHT_FILL, strict=True)),
-        *(tint * power * lamp for tint in LAMP_TINT),
-        exposure, LAMP_REACH_m**2, lamp,
-    ]  # fmt: skip
-    return np.array(light, np.float32), np.float32(min(1.0, 0.25 + 0.75 * (1.0 - share)))
+    )
+    exposure = fixed if fixed > 0.0 else DAY_EXPOSURE / (share + (1.0 - share) * DAY_EXPOSURE / NIGHT_EXPOSURE)
+    on = {"on": 1.0, "off": 0.0, "auto": 1.0 if share < 0.5 else 0.0}[lamp]
+    return light, exposure, on, np.float32(min(1.0, 0.25 + 0.75 * (1.0 - share)))

@@ -83,6 +83,8 @@ def _sort(n, near, kept):
 def _look_back(cells, blocks, groups, floors):
     """Find the farthest depth of each tile."""
     for tile in range(floors.shape[0]):
+        if floors[tile] < np.float32(0.0):
+            continue
         left = groups - TILE_CELLS * (tile // blocks)
         floors[tile] = farthest(cells, tile * TILE_CELLS * CELL, min(TILE_CELLS, left))
 
@@ -143,10 +145,7 @@ def draw_triangles(corners, planes, surface, clusters, spheres, cones, rot, eye,
     blocks = (width + 7) >> 3
     groups = (height * samples + 3) >> 2
     tiles = floors[: blocks * ((groups + TILE_CELLS - 1) // TILE_CELLS)]
-    tiles[:] = np.float32(0.0)
-    for cell in range(tiles.shape[0] * TILE_CELLS):
-        cells[cell * CELL : cell * CELL + CELL_SAMPLES] = 0
-        cells[cell * CELL + CELL_SAMPLES : cell * CELL + CELL] = -1
+    tiles[:] = np.float32(-1.0)
     per_tile = 4.0 * TILE_CELLS / samples
     kept, nearest = np.empty(len(clusters), np.int64), np.empty(len(clusters))
     count = order_clusters(spheres, cones, rot, eye, view, width, height, finest, kept, nearest)
@@ -166,6 +165,10 @@ def draw_triangles(corners, planes, surface, clusters, spheres, cones, rot, eye,
         n = _choose(corners, planes, surface, first, end, rot, eye, view, flat, keep, chosen, shapes, number, away)
         _set_up(n, samples, shapes)
         _fill(n, shapes, number, chosen, width, height, samples, blocks, tiles, cells)
+    for tile in range(tiles.shape[0]):
+        if tiles[tile] < np.float32(0.0):
+            for cell in range(tile * TILE_CELLS, (tile + 1) * TILE_CELLS):
+                cells[cell * CELL + CELL_SAMPLES : cell * CELL + CELL] = -1
 
 
 @inner

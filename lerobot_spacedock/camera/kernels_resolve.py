@@ -27,7 +27,7 @@ T_N, T_U, T_V, T_AO, T_KIND, T_BOTH, T_PLANE = 0, 12, 16, 20, 24, 25, 26
 (M_BASE, M_SECOND, M_ROUGH, M_F0, M_METAL, M_SCALE, M_BUMP, M_PATTERN, M_EMIT, M_TINT) = (
     0, 3, 6, 7, 8, 9, 10, 11, 12, 13)  # fmt: skip
 NX, NY, NZ, VX, VY, VZ, DIST, FOOT, FU, FV, HIGH, TEXEL = range(12)
-TU, UX, UY, UZ, TV, WX, WY, WZ, AO, SUN, SPAN = range(12, 23)
+TU, UX, UY, UZ, TV, WX, WY, WZ, AO, SUN = range(12, 22)
 _MATERIAL = SURFACE_SIZE
 AR, AG, AB, SR, SG, SB = (_MATERIAL + k for k in range(6))
 ROUGH, F0, METAL, BUMP, PATTERN, EMIT, TINT = (
@@ -37,14 +37,25 @@ _SCALE = _MATERIAL + M_SCALE
 _AWAY = SURFACE_SIZE + MATERIAL_SIZE  # distance of the camera from the surface's plane
 SCRATCH_ROWS = _AWAY + 1
 
-TILE = 256  # texels along a pattern's side; then its mip levels, the level of side s at place s²
+# Texels along a pattern's side; then its mip levels, the level of side s at place s² + s. Each row is repeated by one
+# texel at its end, so that two neighbours always stand side by side.
+TILE = 256
 LEVELS = 9
-PATTERN_TEXELS = 2 * TILE * TILE
+PATTERN_TEXELS = 2 * TILE * (TILE + 1)
 
 # columns of the cascade table: texels a metre, offsets of u and v; levels a metre and the level of height 0, bias
-# included; push along the normal; texels a side, first texel; squared distance from the port up to which it is good
-C_SCALE, C_U, C_V, C_LEVELS, C_LEVEL_0, C_PUSH, C_SIZE, C_START, C_REACH = range(9)
-CASCADE_SIZE = 9
+# included; push along the normal; texels a side, blocks a side, first texel; squared distance from the port up to which
+# it is good
+C_SCALE, C_U, C_V, C_LEVELS, C_LEVEL_0, C_PUSH, C_SIZE, C_BLOCKS, C_START, C_REACH = range(10)
+CASCADE_SIZE = 10
+
+# A map lies in memory in tiles of 8 x 4 texels, one line of the processor's cache each. A tile repeats the first column
+# and the first row of its neighbours, so that the four texels about a point are in one tile. Blocks of 8 x 8 tiles fill
+# a page of memory.
+SHADOW_TILE_U, SHADOW_TILE_V = 7, 3
+SHADOW_TILE = (SHADOW_TILE_U + 1) * (SHADOW_TILE_V + 1)
+SHADOW_BLOCK_TILES = 8
+SHADOW_BLOCK = SHADOW_BLOCK_TILES * SHADOW_BLOCK_TILES * SHADOW_TILE
 
 
 @inner
@@ -155,7 +166,7 @@ def locate(first, n, frag_x, frag_y, cascades, sun_axes, rot, eye, view, s):
         s: the scratch array.
     """
     f32 = np.float32
-    one, zero = f32(1.0), f32(0.0)
+    one, zero, half = f32(1.0), f32(0.0), f32(0.5)
     ex, ey, ez = f32(eye[0]), f32(eye[1]), f32(eye[2])
     inv_fx, inv_fy = f32(1.0 / view[0]), f32(1.0 / view[1])
     cx, cy = f32(view[2]), f32(view[3])
@@ -168,11 +179,13 @@ def locate(first, n, frag_x, frag_y, cascades, sun_axes, rot, eye, view, s):
     sx, sy, sz = sun_axes[2, 0], sun_axes[2, 1], sun_axes[2, 2]
     near_map, middle_map, whole_map = cascades[0], cascades[1], cascades[2]
     a_scale, a_u, a_v, a_levels, a_level = near_map[0], near_map[1], near_map[2], near_map[3], near_map[4]
-    a_push, a_size, a_start, a_reach = near_map[5], near_map[6], near_map[7], near_map[8]
+    a_push, a_size, a_blocks, a_start, a_reach = near_map[5], near_map[6], near_map[7], near_map[8], near_map[9]
     b_scale, b_u, b_v, b_levels, b_level = middle_map[0], middle_map[1], middle_map[2], middle_map[3], middle_map[4]
-    b_push, b_size, b_start, b_reach = middle_map[5], middle_map[6], middle_map[7], middle_map[8]
+    b_push, b_size, b_blocks, b_start, b_reach = (
+        middle_map[5], middle_map[6], middle_map[7], middle_map[8], middle_map[9])  # fmt: skip
     c_scale, c_u, c_v, c_levels, c_level = whole_map[0], whole_map[1], whole_map[2], whole_map[3], whole_map[4]
-    c_push, c_size, c_start = whole_map[5], whole_map[6], whole_map[7]
+    c_push, c_size, c_blocks, c_start = whole_map[5], whole_map[6], whole_map[7], whole_map[8]
+    per_u, per_v = f32(1.0 / SHADOW_TILE_U), f32(1.0 / SHADOW_TILE_V)
     xs, ys = frag_x[first : first + n], frag_y[first : first + n]
     for k in range(np.uint64(n)):
         dx, dy = (xs[k] - cx) * inv_fx, (ys[k] - cy) * inv_fy
@@ -209,6 +222,7 @@ def locate(first, n, frag_x, frag_y, cascades, sun_axes, rot, eye, view, s):
         m_level = a_level if far <= a_reach else (b_level if far <= b_reach else c_level)
         push = a_push if far <= a_reach else (b_push if far <= b_reach else c_push)
         size = a_size if far <= a_reach else (b_size if far <= b_reach else c_size)
+        blocks = a_blocks if far <= a_reach else (b_blocks if far <= b_reach else c_blocks)
         start = a_start if far <= a_reach else (b_start if far <= b_reach else c_start)
         # where it holds it, pushed off the surface
         px, py, pz = px + nx * push, py + ny * push, pz + nz * push
@@ -220,6 +234,9 @@ def locate(first, n, frag_x, frag_y, cascades, sun_axes, rot, eye, view, s):
         s[FU * STRIDE + k], s[FV * STRIDE + k] = u - iu, v - iv
         # below everything, so dark, where it is turned away
         s[HIGH * STRIDE + k] = high if nx * sx + ny * sy + nz * sz > zero else f32(-2e9)
-        s[TEXEL * STRIDE + k] = start + iv * size + iu
-        s[SPAN * STRIDE + k] = size
+        tu, tv = np.int32((iu + half) * per_u), np.int32((iv + half) * per_v)
+        within = (iv - f32(tv) * f32(SHADOW_TILE_V)) * f32(SHADOW_TILE_U + 1) + (iu - f32(tu) * f32(SHADOW_TILE_U))
+        block = f32(tv >> np.int32(3)) * blocks + f32(tu >> np.int32(3))
+        tile = f32(((tv & np.int32(7)) << np.int32(3)) + (tu & np.int32(7)))
+        s[TEXEL * STRIDE + k] = start + block * f32(SHADOW_BLOCK) + (tile * f32(SHADOW_TILE) + within)
         s[AO * STRIDE + k] = min(max(ao, zero), one)

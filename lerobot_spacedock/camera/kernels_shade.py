@@ -33,7 +33,7 @@ from .kernels_resolve import (
     ROUGH,
     SB,
     SG,
-    SPAN,
+    SHADOW_TILE_U,
     SR,
     STRIDE,
     SUN,
@@ -51,6 +51,7 @@ from .kernels_resolve import (
     WY,
     WZ,
 )
+from .kernels_simd import load_pair
 
 # places in the light array: Sun direction, Sun colour, Earth colour, fill colour, lamp, exposure
 SUN_DIR, SUN_RGB, EARTH_RGB, FILL_RGB, LAMP_RGB, EXPOSURE, LAMP_SOFT_m2, LAMP_ON = 0, 3, 6, 9, 12, 15, 16, 17
@@ -61,20 +62,21 @@ LIGHT_SIZE = 18
 def shade_shadow(n, light, maps, s, taps):
     """Share of the Sun that reaches n fragments (0..1): four texels of the map, bilinear."""
     one, zero = np.float32(1.0), np.float32(0.0)
+    low_half, sixteen = np.int32(0xFFFF), np.int32(16)
     if maps.shape[0] == 0 or light[3] <= zero:
         s[SUN * STRIDE : SUN * STRIDE + n] = one if light[3] > zero else zero
         return
     for k in range(np.uint64(n)):
         p = np.uint64(s[TEXEL * STRIDE + k])
-        q = p + np.uint64(s[SPAN * STRIDE + k])
-        taps[k], taps[STRIDE + k] = maps[p], maps[p + np.uint64(1)]
-        taps[2 * STRIDE + k], taps[3 * STRIDE + k] = maps[q], maps[q + np.uint64(1)]
+        q = p + np.uint64(SHADOW_TILE_U + 1)
+        taps[k], taps[STRIDE + k] = load_pair(maps, p, np.int32), load_pair(maps, q, np.int32)
     for k in range(np.uint64(n)):
         h, fu, fv = s[HIGH * STRIDE + k], s[FU * STRIDE + k], s[FV * STRIDE + k]
-        a = zero if np.float32(taps[k]) > h else one
-        b = zero if np.float32(taps[STRIDE + k]) > h else one
-        d = zero if np.float32(taps[2 * STRIDE + k]) > h else one
-        e = zero if np.float32(taps[3 * STRIDE + k]) > h else one
+        upper, lower = taps[k], taps[STRIDE + k]
+        a = zero if np.float32(np.int32(upper & low_half)) > h else one
+        b = zero if np.float32(np.int32((upper >> sixteen) & low_half)) > h else one
+        d = zero if np.float32(np.int32(lower & low_half)) > h else one
+        e = zero if np.float32(np.int32((lower >> sixteen) & low_half)) > h else one
         top = a + fu * (b - a)
         low = d + fu * (e - d)
         s[SUN * STRIDE + k] = top + fv * (low - top)
@@ -98,14 +100,14 @@ def clothe(n, texels, s, taps):
         s[BUMP * STRIDE + k] = s[BUMP * STRIDE + k] if level < 5 else zero
         mask = i32(side - i32(1))
         first = i32(i32(s[PATTERN * STRIDE + k]) + i32(side * side))
-        row_a, row_b = i32(first + (iv & mask) * side), i32(first + ((iv + i32(1)) & mask) * side)
-        at, next_at = i32(iu & mask), i32((iu + i32(1)) & mask)
-        taps[k], taps[STRIDE + k] = row_a + at, row_a + next_at
-        taps[2 * STRIDE + k], taps[3 * STRIDE + k] = row_b + at, row_b + next_at
+        first += i32(side + (iu & mask))
+        taps[k] = i32(first + (iv & mask) * (side + i32(1)))
+        taps[2 * STRIDE + k] = i32(first + ((iv + i32(1)) & mask) * (side + i32(1)))
     for k in range(np.uint64(n)):
-        for tap in range(4):
-            p = np.uint64(tap * STRIDE + k)
-            taps[p] = texels[np.uint32(taps[p])]
+        upper = load_pair(texels, np.uint64(np.uint32(taps[k])), np.int64)
+        lower = load_pair(texels, np.uint64(np.uint32(taps[2 * STRIDE + k])), np.int64)
+        taps[k], taps[STRIDE + k] = i32(upper), i32(upper >> 32)
+        taps[2 * STRIDE + k], taps[3 * STRIDE + k] = i32(lower), i32(lower >> 32)
     byte, middle, two = f32(1.0 / 255.0), f32(128.0 / 255.0), f32(2.0)
     for k in range(np.uint64(n)):
         ta, tb, tc, td = taps[k], taps[STRIDE + k], taps[2 * STRIDE + k], taps[3 * STRIDE + k]

@@ -92,6 +92,24 @@ def _data(context, builder, array_type, value):
     return context.make_array(array_type)(context, builder, value).data
 
 
+def _clear_tile(builder, pointer, begin, end) -> None:
+    """Set a tile's cells to nothing, infinitely far away."""
+    loop, after = builder.append_basic_block("clear_cell"), builder.append_basic_block("cleared")
+    builder.branch(loop)
+    builder.position_at_end(loop)
+    cell = builder.phi(ir.IntType(64))
+    cell.add_incoming(ir.IntType(64)(0), begin)
+    for value, first in ((0, 0), (-1, CELL_SAMPLES)):
+        for k in range(0, CELL_SAMPLES, 8):
+            here = builder.add(builder.mul(cell, ir.IntType(64)(CELL)), ir.IntType(64)(first + k))
+            vector = ir.Constant(_I8, [value] * 8)
+            builder.store(vector, builder.bitcast(builder.gep(pointer, [here]), _I8.as_pointer()), align=4)
+    following = builder.add(cell, ir.IntType(64)(1))
+    cell.add_incoming(following, builder.block)
+    builder.cbranch(builder.icmp_signed("<", following, ir.IntType(64)(TILE_CELLS)), loop, after)
+    builder.position_at_end(after)
+
+
 @intrinsic
 def fill_cells(
     typing, cells, floors, first, tile, wide, corners, slopes, plane, nearest, y_first, y_step, offsets, surface
@@ -100,7 +118,8 @@ def fill_cells(
 
     Args:
         cells: int32, the picture's samples.
-        floors: float32, the farthest 1/z of each tile; tiles with nothing farther than ``nearest`` are passed over.
+        floors: float32, the farthest 1/z of each tile; tiles with nothing farther than ``nearest`` are passed over, and
+            those that nothing was drawn into (-1) are cleared first.
         first, tile: int64, places of the rows' first cell and of its tile.
         wide: float64, columns of the picture.
         corners: five float64: x and y of the upper corner, x and y of the middle one, y of the lower one, pixels.
@@ -151,7 +170,8 @@ def fill_cells(
         step = mul(_splat(builder, builder.fptrunc(gx, _F32), 8), ir.Constant(_F8, [float(k) for k in range(8)]))
 
         entry = builder.block
-        loop, draw, onward, done = map(builder.append_basic_block, ("cells", "draw", "onward", "done"))
+        names = ("cells", "fresh", "clear", "draw", "onward", "done")
+        loop, fresh, clear, draw, onward, done = map(builder.append_basic_block, names)
         begins = builder.shl(column_first, _I32(3))
         builder.cbranch(builder.icmp_signed("<", begins, column_end), loop, done)
         builder.position_at_end(loop)
@@ -159,7 +179,14 @@ def fill_cells(
         column.add_incoming(begins, entry)
         this = builder.add(tile, builder.zext(builder.ashr(column, _I32(3)), ir.IntType(64)))
         floor = builder.load(builder.gep(floors_p, [this]))
-        builder.cbranch(builder.fcmp_ordered("<", floor, nearest), draw, onward)
+        builder.cbranch(builder.fcmp_ordered("<", floor, nearest), fresh, onward)
+        builder.position_at_end(fresh)
+        builder.cbranch(builder.fcmp_ordered("<", floor, _F32(0.0)), clear, draw)
+        builder.position_at_end(clear)
+        tile_p = builder.gep(cells_p, [builder.mul(this, ir.IntType(64)(TILE_CELLS * CELL))])
+        _clear_tile(builder, tile_p, clear, draw)
+        builder.store(_F32(0.0), builder.gep(floors_p, [this]))
+        builder.branch(draw)
         builder.position_at_end(draw)
         x_row = add(_splat(builder, builder.sitofp(column, _F64), 4), off)
         w_row = builder.fptrunc(add(mul(_splat(builder, gx, 4), x_row), slope_y), ir.VectorType(_F32, 4))
@@ -274,6 +301,20 @@ def turn_rows(typing, table, size, which, place, column, out, to, stride):
             here = builder.gep(out_p, [builder.add(args[6], builder.mul(args[7], i64(c)))])
             builder.store(vector, builder.bitcast(here, _F8.as_pointer()), align=4)
         return context.get_dummy_value()
+
+    return signature, codegen
+
+
+@intrinsic
+def load_pair(typing, array, place, kind):
+    """Two neighbours of an array, read at once as one whole number of ``kind``, the first in its lower half."""
+    signature = kind.dtype(array, types.uint64, kind)
+
+    def codegen(context, builder, sig, args):
+        pair = ir.IntType(sig.return_type.bitwidth)
+        data = _data(context, builder, sig.args[0], args[0])
+        here = builder.bitcast(builder.gep(data, [args[1]]), pair.as_pointer())
+        return builder.load(here, align=sig.args[0].dtype.bitwidth // 8)
 
     return signature, codegen
 

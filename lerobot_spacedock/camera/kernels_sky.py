@@ -99,15 +99,10 @@ def _ground(n, pixel, row0, width, sky, rot, view, light, earth, s, taps, colour
         blue += air * f32(0.80) * (one - f32(0.4) * warm)
         s[k], s[CHUNK + k] = film(red * exposure), film(green * exposure)
         s[2 * CHUNK + k] = film(blue * exposure)
-    for k in range(np.uint64(n)):
-        share = sky[np.uint64(pixel[k])]
-        p = np.uint64(3) * np.uint64(pixel[k])
-        colour[p] += share * s[k]
-        colour[p + np.uint64(1)] += share * s[CHUNK + k]
-        colour[p + np.uint64(2)] += share * s[2 * CHUNK + k]
+    _share_out(n, pixel, sky, s, colour)
 
 
-@inner
+@inner(forceinline=True)
 def _limb(rx, ry, rz, down, gap, sx, sy, sz):
     """Radiance (red, green, blue) of the air above the limb along a unit ray that misses the ground."""
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -140,8 +135,9 @@ def paint_sky(row0, row1, width, sky, rot, view, light, earth, colour):
     ro2, air_top = f32(_RO * _RO), f32(_AIR_TOP)
     r00, r01, r02 = f32(rot[0, 0]), f32(rot[0, 1]), f32(rot[0, 2])
     s, taps = np.empty(8 * CHUNK, np.float32), np.empty(4 * CHUNK, np.int32)
-    pixel, kind = np.empty(CHUNK + 1, np.int32), np.empty(width, np.int32)
-    found = np.int64(0)  # a literal 0 would have ``_ground`` compiled twice
+    pixel, lit = np.empty(CHUNK + 1, np.int32), np.empty(CHUNK + 1, np.int32)
+    kind = np.empty(width, np.int32)
+    found, shining = np.int64(0), np.int64(0)  # a literal 0 would have ``_ground`` compiled twice
     for i in range(row1 - row0):
         dy = (f32(row0 + i + 0.5) - f32(view[3])) * inv_fy
         bx = f32(rot[1, 0]) * dy + f32(rot[2, 0])
@@ -168,39 +164,57 @@ def paint_sky(row0, row1, width, sky, rot, view, light, earth, colour):
             if found == CHUNK:
                 _ground(found, pixel, row0, width, sky, rot, view, light, earth, s, taps, colour)
                 found = np.int64(0)
-        if glows == 0:
-            continue
-        for j in range(width):
-            if kind[j] < 2:
-                continue
-            dx = (f32(j) - cx) * inv_fx
-            inv = one / math.sqrt(row_one + dx * dx)
-            rx, ry, rz = (r00 * dx + bx) * inv, (r01 * dx + by) * inv, (r02 * dx + bz) * inv
-            _glow(i * width + j, shares[j], rx, ry, rz, light, colour)
+        for j in range(np.uint64(width if glows else 0)):
+            lit[shining] = i32(i32(i * width) + i32(j))
+            shining += kind[j] >> 1
+            if shining == CHUNK:
+                _glow(shining, lit, row0, width, sky, rot, view, light, s, colour)
+                shining = np.int64(0)
+    _glow(shining, lit, row0, width, sky, rot, view, light, s, colour)
     _ground(found, pixel, row0, width, sky, rot, view, light, earth, s, taps, colour)
 
 
 @inner
-def _glow(pixel, share, rx, ry, rz, light, colour):
-    """Add the air above the limb, and the Sun with its flare, to a pixel along a unit ray that misses the ground."""
-    one, zero = np.float32(1.0), np.float32(0.0)
+def _glow(n, pixel, row0, width, sky, rot, view, light, s, colour):
+    """Add the air above the limb, and the Sun with its flare, to ``n`` pixels whose rays miss the ground."""
+    f32, i32 = np.float32, np.int32
+    one, zero = f32(1.0), f32(0.0)
     sx, sy, sz, exposure = light[0], light[1], light[2], light[15]
-    red = green = blue = zero
-    gap = np.float32(_RO * _RO) * (one - rx * rx)
-    if rx < zero and gap < np.float32(_AIR_TOP):
+    r00, r01, r02 = f32(rot[0, 0]), f32(rot[0, 1]), f32(rot[0, 2])
+    r10, r11, r12 = f32(rot[1, 0]), f32(rot[1, 1]), f32(rot[1, 2])
+    r20, r21, r22 = f32(rot[2, 0]), f32(rot[2, 1]), f32(rot[2, 2])
+    inv_fx, inv_fy = f32(1.0 / view[0]), f32(1.0 / view[1])
+    cx, cy = f32(view[2] - 0.5), f32(view[3] - 0.5 - row0)
+    for k in range(np.uint64(n)):
+        row = pixel[k] // i32(width)
+        dx, dy = (f32(pixel[k] - row * i32(width)) - cx) * inv_fx, (f32(row) - cy) * inv_fy
+        inv = one / math.sqrt(one + dx * dx + dy * dy)
+        rx = (r00 * dx + r10 * dy + r20) * inv
+        ry = (r01 * dx + r11 * dy + r21) * inv
+        rz = (r02 * dx + r12 * dy + r22) * inv
+        gap = f32(_RO * _RO) * (one - rx * rx)
         red, green, blue = _limb(rx, ry, rz, -rx, max(gap, one), sx, sy, sz)
-    along = sx * rx + sy * ry + sz * rz
-    if along > zero and along * along > np.float32(0.96):
+        air = one if (rx < zero) & (gap < f32(_AIR_TOP)) else zero
+        along = sx * rx + sy * ry + sz * rz
         away = one - along
-        disc = away < np.float32(1.1e-5)  # cosine of the Sun's angular radius
-        flare = np.float32(40.0) if disc else np.float32(6e-6) / (away + np.float32(2e-6))
-        red += flare
-        green += flare * np.float32(0.97)
-        blue += flare * np.float32(0.9)
-    p = 3 * pixel
-    colour[p] += share * film(red * exposure)
-    colour[p + 1] += share * film(green * exposure)
-    colour[p + 2] += share * film(blue * exposure)
+        flare = f32(6e-6) / (away + f32(2e-6))
+        flare = f32(40.0) if away < f32(1.1e-5) else flare  # within the Sun's angular radius
+        flare = flare if (along > zero) & (along * along > f32(0.96)) else zero
+        s[k] = film((air * red + flare) * exposure)
+        s[CHUNK + k] = film((air * green + flare * f32(0.97)) * exposure)
+        s[2 * CHUNK + k] = film((air * blue + flare * f32(0.9)) * exposure)
+    _share_out(n, pixel, sky, s, colour)
+
+
+@inner
+def _share_out(n, pixel, sky, s, colour):
+    """Add ``n`` pixels' colours, for the share of each that the sky has."""
+    for k in range(np.uint64(n)):
+        share = sky[np.uint64(pixel[k])]
+        p = np.uint64(3) * np.uint64(pixel[k])
+        colour[p] += share * s[k]
+        colour[p + np.uint64(1)] += share * s[CHUNK + k]
+        colour[p + np.uint64(2)] += share * s[2 * CHUNK + k]
 
 
 @jit(nogil=True)

@@ -205,6 +205,7 @@ def make_patterns() -> np.ndarray:
                 # rounded twice, so that a last-digit difference between machines cannot reach a byte
                 byte = np.floor(np.round(np.clip(layer, 0, 1) * 255.0, 4) + 0.5).astype(np.uint32)
                 packed |= byte << np.uint32(8 * place)
+            packed = np.concatenate([packed, packed[:, :1]], axis=1)
             start = number * PATTERN_TEXELS + packed.size
             out[start : start + packed.size] = packed.ravel()
             layers = [0.25 * (a[::2, ::2] + a[1::2, ::2] + a[::2, 1::2] + a[1::2, 1::2]) for a in layers]

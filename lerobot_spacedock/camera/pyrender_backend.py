@@ -253,8 +253,8 @@ def _tile(material) -> np.ndarray:
     """A material's pattern in its colours, (256, 256, 3) uint8 sRGB."""
     from .kernels_resolve import PATTERN_TEXELS, TILE
 
-    start = PATTERNS.index(material.pattern) * PATTERN_TEXELS + TILE * TILE
-    word = pattern_texels()[start : start + TILE * TILE].reshape(TILE, TILE)
+    start = PATTERNS.index(material.pattern) * PATTERN_TEXELS + TILE * (TILE + 1)
+    word = pattern_texels()[start : start + TILE * (TILE + 1)].reshape(TILE, TILE + 1)[:, :TILE]
     tint = 1.0 + material.tint * ((word & 255) / 127.5 - 1.0)
     share = ((word >> 8) & 255)[..., None] / 255.0
     linear = (np.array(material.base) * (1 - share) + np.array(material.second) * share) * tint[..., None]

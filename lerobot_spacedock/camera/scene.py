@@ -1,4 +1,4 @@
-"""The scene as the rasteriser wants it: triangles at one port, culling clusters, shading table, shadow maps.
+"""The scene as the rasteriser wants it: triangles at one port, culling clusters, shading table.
 
 Scenes are shared: every renderer in the process that asks for the same station and port gets the same one.
 """
@@ -20,16 +20,6 @@ from lerobot_spacedock.station.cache import cached_arrays
 
 from .kernels_raster import CLUSTER_TRIANGLES
 from .kernels_resolve import (
-    C_LEVEL_0,
-    C_LEVELS,
-    C_PUSH,
-    C_REACH,
-    C_SCALE,
-    C_SIZE,
-    C_START,
-    C_U,
-    C_V,
-    CASCADE_SIZE,
     M_BASE,
     M_BUMP,
     M_PATTERN,
@@ -48,11 +38,11 @@ from .kernels_resolve import (
     T_V,
 )
 from .openness import corner_openness
+from .shadow_maps import ShadowMaps, draw_shadow_maps
 from .surfaces import corner_numbers, cross, dot, find_surfaces, fit
 
 REGION_TRIANGLES = 768  # neighbours, sorted by the way they face and then cut into clusters
 PART_WIDTHS_m = (0.02, 0.04, 0.08, 0.16)  # parts of like width make clusters together
-SHADOW_LAYOUT = ((1.15, 1536), (7.0, 1536), (0.0, 2048))  # half width about the port m (0: all of it), texels a side
 MAX_SUNS = 4
 # what the cached arrays depend on
 _ROOM = Path(__file__).parent
@@ -90,22 +80,16 @@ class Scene:
 
     def _maps(self, sun: np.ndarray, name: str | None) -> ShadowMaps:
         if name is None:
-            return ShadowMaps(**draw_shadow_maps(self, sun))
-        return ShadowMaps(**cached_arrays(name, SOURCES, lambda: draw_shadow_maps(self, sun)))
+            return ShadowMaps(**self._draw_maps(sun))
+        return ShadowMaps(**cached_arrays(name, SOURCES, lambda: self._draw_maps(sun)))
+
+    def _draw_maps(self, sun: np.ndarray) -> dict[str, np.ndarray]:
+        return draw_shadow_maps(np.ascontiguousarray(self.corners.T), sun)
 
 
 def sun_key(sun: np.ndarray) -> bytes:
     """Directions that are equal in single precision are one."""
     return np.asarray(sun, np.float32).tobytes()
-
-
-@dataclass(frozen=True)
-class ShadowMaps:
-    """All cascades in one flat array, the tightest first."""
-
-    maps: np.ndarray  # uint16, levels of the height towards the Sun
-    cascades: np.ndarray  # (3, 9) float32; columns named by C_SCALE and the like in ``kernels_resolve``
-    axes: np.ndarray  # (3, 3) float32; rows are the maps' u and v axes and the direction to the Sun
 
 
 def make_scene(load_mesh: Callable[[], StationMesh], name: str | None = None) -> Scene:
@@ -222,57 +206,6 @@ def _material_table() -> np.ndarray:
     table[table[:, M_SCALE] <= 0.0, M_TINT] = 0.0
     table[table[:, M_SCALE] <= 0.0, M_BUMP] = 0.0
     return table
-
-
-def draw_shadow_maps(scene: Scene, sun: np.ndarray) -> dict[str, np.ndarray]:
-    """Draws every cascade for a unit direction to the Sun: the arrays of ``ShadowMaps``."""
-    from .kernels_shadow import draw_depth
-
-    helper = np.array([0.0, 0.0, 1.0]) if abs(sun[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
-    u = cross(helper, sun)
-    u = u / np.sqrt(dot(u, u))
-    v = cross(sun, u)
-    basis = np.stack([u, v, sun])
-    corners = np.ascontiguousarray(scene.corners.T)
-    points = corners.reshape(-1, 3).astype(np.float64)
-    heights = dot(points, sun)
-    maps = np.empty(sum(s * s for _, s in SHADOW_LAYOUT), np.uint16)
-    depth = np.empty(max(s * s for _, s in SHADOW_LAYOUT), np.float32)
-    ramp = np.arange(max(s for _, s in SHADOW_LAYOUT), dtype=np.float32)
-    cascades = np.zeros((len(SHADOW_LAYOUT), CASCADE_SIZE), np.float32)
-    start = 0
-    for c, (half, texels) in enumerate(SHADOW_LAYOUT):
-        if half > 0.0:
-            low_u = low_v = -half
-            width = 2.0 * half
-            # what the map is asked about lies in a sphere: whatever stands above it counts as being at its top
-            low, high = -1.02 * half, 1.02 * half
-        else:
-            low, high = heights.min() - 0.1, heights.max() + 0.1
-            pu, pv = dot(points, u), dot(points, v)
-            low_u, low_v = pu.min(), pv.min()
-            width = max(pu.max() - low_u, pv.max() - low_v) * 1.01
-            low_u, low_v = low_u - 0.005 * width, low_v - 0.005 * width
-        per_m = texels / width
-        draw_depth(corners, basis, low_u, low_v, per_m, texels, ramp, depth[: texels * texels])
-        levels = 65535.0 / (high - low)
-        _to_levels(depth[: texels * texels], np.float32(levels), np.float32(low), maps[start : start + texels * texels])
-        # bilinear taps sit half a texel in; bias and push hide the staircase of the map on slanted faces
-        cascades[c, C_SCALE], cascades[c, C_U], cascades[c, C_V] = per_m, -low_u * per_m - 0.5, -low_v * per_m - 0.5
-        cascades[c, C_LEVELS], cascades[c, C_LEVEL_0] = levels, (0.35 / per_m + 2e-4 - low) * levels
-        cascades[c, C_PUSH] = 1.6 / per_m
-        cascades[c, C_SIZE], cascades[c, C_START] = texels, start
-        # a sphere about the port lies within its map from every direction; the push needs a little room
-        cascades[c, C_REACH] = (0.97 * half) ** 2
-        start += texels * texels
-    return {"maps": maps, "cascades": cascades, "axes": basis.astype(np.float32)}
-
-
-@jit(nogil=True)
-def _to_levels(heights, levels, low, out):
-    """Heights, m → 0 .. 65535, rounded down."""
-    for k in range(len(heights)):
-        out[k] = np.uint16(min(max((heights[k] - low) * levels, np.float32(0.0)), np.float32(65535.0)))
 
 
 def _cluster_order(corners: np.ndarray, two_sided: np.ndarray, width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

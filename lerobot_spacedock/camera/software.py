@@ -15,8 +15,8 @@ from .kernels_resolve import CASCADE_SIZE
 from .kernels_simd import CELL, TILE_CELLS, tiles_of
 from .pinhole import checked_pose, checked_sun, intrinsics, rotation_CH
 from .renderer import Buffers
-from .scene import ShadowMaps
 from .sensor import Sensor
+from .shadow_maps import ShadowMaps
 from .shared import compiling_notice, earth_texels, pattern_texels, shared_scene, star_table
 
 FINEST_PIXELS = 0.05  # parts that look narrower are left out of the picture (never out of depth and segments)
