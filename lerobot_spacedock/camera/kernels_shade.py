@@ -237,4 +237,4 @@ def encode(colour, n, out, start):
         y = ((y * a + f32(2.03050909)) * a - f32(1.40222151)) * a
         y = (y + f32(1.51784695)) * a - f32(0.04010306)
         y = f32(12.92) * x if x < f32(0.0031308) else y
-        shown[k] = np.uint8(np.int32(min(max(y, zero), one) * f32(255.0) + f32(0.5)))
+        shown[k] = np.uint8(np.int32(y * f32(255.0) + f32(0.5)))  # y leaves 0 .. 1 by rounding only
