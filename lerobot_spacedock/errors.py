@@ -51,10 +51,14 @@ def reading(path: Path | str, what: str) -> Iterator[None]:
         what: it is read as, with its article ("an HDF5 file").
 
     Raises:
-        FileFormatError: from any error inside, but those of this package and a file that is not there.
+        FileFormatError: from any error inside, but for a file that is not there and what names this one already.
     """
     try:
         yield
+    except InputError as error:
+        if Path(path).name in str(error) or error.what.startswith("--"):
+            raise
+        raise FileFormatError(f"{path}: {error}") from error
     except (SpaceDockError, FileNotFoundError):
         raise
     except Exception as error:  # parsers of damaged files raise what their authors did not think of

@@ -24,7 +24,6 @@ from lerobot_spacedock.physics.frames import (
     VELOCITY,
 )
 
-MAX_QUATERNION_ERROR = 1e-3
 MAX_POSITION_m, MAX_SPEED_m_s, MAX_RATE_deg_s = 1000.0, 50.0, 180.0
 TIME_TOLERANCE_s = 1e-4
 UNKNOWN_MASS = 20.0  # a mass that is off by 2 kg changes a full thrust's speed by 8e-5 m/s
@@ -81,7 +80,7 @@ def _check_ranges(rows: dict[str, np.ndarray], problems: Problems) -> None:
 
     if "x" in state:
         error = np.abs(norm(STATE_NAMES[QUATERNION]) - 1.0)
-        problems.all_rows(error < MAX_QUATERNION_ERROR, "the quaternion is not of unit length")
+        problems.all_rows(error < schema.MAX_QUATERNION_ERROR, "the quaternion is not of unit length")
         problems.all_rows(norm(STATE_NAMES[POSITION]) < MAX_POSITION_m, f"farther than {MAX_POSITION_m:g} m")
     problems.all_rows(norm(STATE_NAMES[VELOCITY]) < MAX_SPEED_m_s, f"faster than {MAX_SPEED_m_s:g} m/s")
     rates = np.abs([state[name] for name in STATE_NAMES[RATE]]).max(axis=0)

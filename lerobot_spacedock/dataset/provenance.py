@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pyarrow import dataset
 
 from lerobot_spacedock import __version__
 from lerobot_spacedock.dataset import schema
@@ -106,8 +107,7 @@ class EpisodeRows:
     def row(self, index: int) -> dict[str, Any] | None:
         """One episode's, found by its index; None where there is none."""
         with self._reading():
-            found = pq.read_table(self.path, filters=[("episode_index", "==", index)], partitioning=None)
-            return found.to_pylist()[0] if found.num_rows else None
+            return first_row(self.path, index)
 
     def column(self, name: str) -> np.ndarray:
         """One value an episode."""
@@ -120,6 +120,21 @@ class EpisodeRows:
             yield
         except (pa.ArrowException, OSError, KeyError) as error:
             raise FileFormatError(f"{self.path}: not a readable Parquet file ({error}).") from error
+
+
+def first_row(path: Path, episode: int, leave_out: str | None = None) -> dict[str, Any] | None:
+    """An episode's row of a Parquet file, or None; however many a damaged file holds, a few at a time are read.
+
+    Args:
+        path: a file with a column ``episode_index``.
+        episode: its index.
+        leave_out: columns whose names begin so are not read.
+    """
+    file = dataset.dataset(path, format="parquet", partitioning=None)
+    names = [name for name in file.schema.names if leave_out is None or not name.startswith(leave_out)]
+    wanted = dataset.field("episode_index") == episode
+    few = {"batch_size": ROWS_AT_ONCE, "batch_readahead": 1, "fragment_readahead": 1}
+    return next(iter(file.head(1, columns=names, filter=wanted, **few).to_pylist()), None)
 
 
 def episode_rows(root: Path) -> EpisodeRows | None:

@@ -14,7 +14,13 @@ import pyarrow.parquet as pq
 
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.episode import log_of_rows
-from lerobot_spacedock.dataset.provenance import EpisodeRows, episode_rows, read_dataset_facts, terminal_state
+from lerobot_spacedock.dataset.provenance import (
+    EpisodeRows,
+    episode_rows,
+    first_row,
+    read_dataset_facts,
+    terminal_state,
+)
 from lerobot_spacedock.dataset.statistics import column_array
 from lerobot_spacedock.episode_log import MAX_STATES, EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, reading
@@ -84,9 +90,7 @@ class DatasetReader:
         """
         for path, indices in self.files.items():
             if index in indices:
-                names = [name for name in pq.read_schema(path).names if not name.startswith("stats/")]
-                wanted = [("episode_index", "==", index)]
-                return pq.read_table(path, columns=names, filters=wanted, partitioning=None).to_pylist()[0]
+                return first_row(path, index, leave_out="stats/") or {}
         raise FileFormatError(f"{self.root / 'meta' / 'episodes'}: episode {index} is not listed.")
 
     def iterate(self) -> Iterator[Episode]:

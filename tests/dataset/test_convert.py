@@ -17,7 +17,9 @@ from lerobot_spacedock.dataset.convert import ConvertConfig, convert
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.dataset.record import Storage
+from lerobot_spacedock.episode_log import read_episode_log, write_episode_log
 from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.physics.frames import QUATERNION
 
 CAMERA = CameraConfig(height=HEIGHT, width=WIDTH)
 
@@ -162,6 +164,18 @@ def test_act_style_hdf5(flights, tmp_path, compressed):
     assert back.metadata["success"] is True
     report = check_dataset(tmp_path / "d")
     assert report.errors == []
+
+
+def test_an_attitude_that_is_none_is_refused_with_its_state(flights, log_folder, tmp_path):
+    path = sorted(log_folder.glob("*.parquet"))[0]
+    flight = read_episode_log(path)
+    flight.state[3, QUATERNION] = 0.0
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    write_episode_log(folder / path.name, flight)
+    with pytest.raises(FileFormatError, match=r"quaternion of state 3 has the length 0, not 1"):
+        run(folder, tmp_path / "d", images="none")
+    assert not (tmp_path / "d").exists()
 
 
 def test_hdf5_of_objects_is_refused_unread(flights, tmp_path):

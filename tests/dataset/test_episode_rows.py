@@ -1,10 +1,13 @@
 """Log → rows → log, exact to float32; labels and observations beside what flew."""
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.episode import log_of_rows, rows_of, teaching_columns
+from lerobot_spacedock.dataset.provenance import first_row
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import InputError
 
@@ -72,3 +75,13 @@ def test_without_a_terminal_state_the_last_frame_becomes_it(flights):
     assert log.num_steps == flights[0].num_steps - 1
     np.testing.assert_array_equal(log.state[-1, :6], flights[0].state[-2, :6].astype(np.float32))
     assert np.isnan(log.state[:, 6]).all(), "the mass is not in a 13-value state, and is not invented"
+
+
+def test_one_row_of_an_episode_is_read_however_many_a_damaged_file_repeats(tmp_path):
+    count = 300_000
+    table = {"episode_index": np.repeat([0, 7], count // 2), "stats/x": np.zeros(count), "text": ["a" * 40] * count}
+    pq.write_table(pa.table(table), tmp_path / "rows.parquet")
+    before = pa.default_memory_pool().max_memory()
+    assert first_row(tmp_path / "rows.parquet", 7, leave_out="stats/") == {"episode_index": 7, "text": "a" * 40}
+    assert first_row(tmp_path / "rows.parquet", 3) is None
+    assert pa.default_memory_pool().max_memory() - before < 40 * count / 2, "not all of them at once"

@@ -10,6 +10,7 @@ import numpy as np
 
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import SpaceDockError
+from lerobot_spacedock.physics.frames import OBSERVATION_INDICES
 
 STEPS = 6
 Mutation = Callable[[np.random.Generator, bytes], bytes]
@@ -63,4 +64,4 @@ def an_episode(seed: int = 0) -> EpisodeLog:
 def some_arrays() -> dict[str, np.ndarray]:
     log = an_episode()
     images = np.random.default_rng(0).integers(0, 256, (STEPS, 4, 6, 3), dtype=np.uint8)
-    return {"state": log.state[:-1, :13], "action": log.action, "dt": log.dt, "images": images}
+    return {"state": log.state[:-1][:, OBSERVATION_INDICES], "action": log.action, "dt": log.dt, "images": images}

@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from lerobot_spacedock.dataset.episode import succeeded
+from lerobot_spacedock.dataset.schema import MAX_QUATERNION_ERROR
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, InputError, reading
+from lerobot_spacedock.physics.frames import QUATERNION
 
 FORMATS = {
     "logs": "episode logs: a folder of episode_*.parquet",
@@ -107,6 +109,7 @@ def load(ref: EpisodeRef) -> LoadedEpisode:
     """
     try:
         episode = _module(ref.format).load(ref)
+        _check_attitudes(ref, episode.log)
         if episode.log.metadata.get("success") is not None:
             return episode
         with reading(ref.name, "an episode"):
@@ -116,6 +119,14 @@ def load(ref: EpisodeRef) -> LoadedEpisode:
         raise FileFormatError(f"{error.filename or ref.name}: missing.") from error
     except (OSError, UnicodeDecodeError) as error:
         raise FileFormatError(f"{ref.name}: not readable ({error}).") from error
+
+
+def _check_attitudes(ref: EpisodeRef, log: EpisodeLog) -> None:
+    length = np.linalg.norm(log.state[:, QUATERNION], axis=1)
+    wrong = np.flatnonzero(~(np.abs(length - 1.0) < MAX_QUATERNION_ERROR))
+    if wrong.size:
+        row = wrong[0]
+        raise FileFormatError(f"{ref.name}: the quaternion of state {row} has the length {length[row]:.3g}, not 1.")
 
 
 def _module(kind: str):
