@@ -38,9 +38,10 @@ def repository(rng: np.random.Generator, data: bytes) -> bytes:
             case 0 | 1:
                 files[hostile_path(rng, list(files))] = files[name]
             case 2 | 3:
-                files[hostile_path(rng, list(files))] = files.pop(name)
+                place = hostile_path(rng, list(files))
+                files[place] = files.pop(name)
             case 4 if len(files) > 1:
                 files.pop(name)
-            case _:
+            case _ if files[name]:  # an empty file has no byte to damage
                 files[name] = base64.b64encode(mutate_bytes(rng, base64.b64decode(files[name]))).decode()
     return json.dumps(files).encode()
