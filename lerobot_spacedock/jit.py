@@ -26,6 +26,7 @@ from lerobot_spacedock.user_cache import user_cache_dir
 _ROOT = Path(__file__).parent
 # room of a kernel → rooms whose kernels and constants it may use
 _SOURCES = {"physics": ("physics",), "env": ("physics", "env"), "camera": ("physics", "camera")}
+_COMPILED = (b"spacedock.jit import", b"numba.extending import")  # what a file of kernels imports
 _KEEP_UNUSED_s = 30 * 24 * 3600
 
 
@@ -78,7 +79,7 @@ def cache_dir(room: str) -> Path:
     for source_room in _SOURCES[room]:
         for path in sorted((_ROOT / source_room).rglob("*.py")):
             content = path.read_bytes()
-            if source_room == "physics" or b"spacedock.jit import" in content:
+            if source_room == "physics" or any(word in content for word in _COMPILED):
                 digest.update(path.name.encode() + content)
     name = f"{room}-{digest.hexdigest()[:16]}"
     for find_base in (lambda: user_cache_dir() / "kernels", _temporary_dir):

@@ -15,7 +15,8 @@ import numpy as np
 
 from lerobot_spacedock.jit import inner
 
-from .kernels_simd import CELL_SAMPLES, cell_place, fetch_ahead, pure_columns, turn_rows
+from .kernels_fetch import fetch_ahead, turn_rows
+from .kernels_simd import CELL_SAMPLES, cell_place, pure_columns
 
 CHUNK = 128  # fragments that are shaded together: the scratch array then stays in the first-level cache
 STRIDE = CHUNK + 8  # fragments are gathered in eights, the last of them over its end

@@ -12,6 +12,7 @@ import numpy as np
 
 from lerobot_spacedock.jit import inner, jit
 
+from .kernels_fetch import load_pair
 from .kernels_resolve import (
     AB,
     AG,
@@ -51,7 +52,6 @@ from .kernels_resolve import (
     WY,
     WZ,
 )
-from .kernels_simd import load_pair
 
 # places in the light array: Sun direction, Sun colour, Earth colour, fill colour, lamp, exposure
 SUN_DIR, SUN_RGB, EARTH_RGB, FILL_RGB, LAMP_RGB, EXPOSURE, LAMP_SOFT_m2, LAMP_ON = 0, 3, 6, 9, 12, 15, 16, 17

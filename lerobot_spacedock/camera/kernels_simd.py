@@ -38,22 +38,22 @@ def cell_place(group, block, blocks):
     return (((group >> 3) * blocks + block) * TILE_CELLS + (group & 7)) * CELL
 
 
-_I32, _F32, _F64 = ir.IntType(32), ir.FloatType(), ir.DoubleType()
-_I4, _I8 = ir.VectorType(_I32, 4), ir.VectorType(_I32, 8)
-_F8, _D4 = ir.VectorType(_F32, 8), ir.VectorType(_F64, 4)
+I32, _F32, _F64 = ir.IntType(32), ir.FloatType(), ir.DoubleType()
+_I4, I8 = ir.VectorType(I32, 4), ir.VectorType(I32, 8)
+F8, _D4 = ir.VectorType(_F32, 8), ir.VectorType(_F64, 4)
 _FAR_COLUMN = 1 << 30
 
 
 def _splat(builder, value, size: int):
     """A vector of ``size`` copies of a scalar."""
     vector = ir.VectorType(value.type, size)
-    one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, _I32(0))
-    return builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), ir.Constant(ir.VectorType(_I32, size), None))
+    one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, I32(0))
+    return builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), ir.Constant(ir.VectorType(I32, size), None))
 
 
 def _pick(builder, vector, place: int, size: int):
     """A vector of ``size`` copies of one element of a vector."""
-    mask = ir.Constant(ir.VectorType(_I32, size), [place] * size)
+    mask = ir.Constant(ir.VectorType(I32, size), [place] * size)
     return builder.shuffle_vector(vector, ir.Constant(vector.type, ir.Undefined), mask)
 
 
@@ -63,7 +63,7 @@ def _reduce(builder, vector, choose):
         mask = ir.Constant(_I4, [(k + half) % 4 for k in range(4)])
         other = builder.shuffle_vector(vector, ir.Constant(_I4, ir.Undefined), mask)
         vector = builder.select(builder.icmp_signed(choose, vector, other), vector, other)
-    return builder.extract_element(vector, _I32(0))
+    return builder.extract_element(vector, I32(0))
 
 
 def _ceil(builder, x):
@@ -88,7 +88,7 @@ def _store_all(builder, vector, pointer) -> None:
     builder._insert(store)
 
 
-def _data(context, builder, array_type, value):
+def array_data(context, builder, array_type, value):
     return context.make_array(array_type)(context, builder, value).data
 
 
@@ -102,8 +102,8 @@ def _clear_tile(builder, pointer, begin, end) -> None:
     for value, first in ((0, 0), (-1, CELL_SAMPLES)):
         for k in range(0, CELL_SAMPLES, 8):
             here = builder.add(builder.mul(cell, ir.IntType(64)(CELL)), ir.IntType(64)(first + k))
-            vector = ir.Constant(_I8, [value] * 8)
-            builder.store(vector, builder.bitcast(builder.gep(pointer, [here]), _I8.as_pointer()), align=4)
+            vector = ir.Constant(I8, [value] * 8)
+            builder.store(vector, builder.bitcast(builder.gep(pointer, [here]), I8.as_pointer()), align=4)
     following = builder.add(cell, ir.IntType(64)(1))
     cell.add_incoming(following, builder.block)
     builder.cbranch(builder.icmp_signed("<", following, ir.IntType(64)(TILE_CELLS)), loop, after)
@@ -135,8 +135,8 @@ def fill_cells(
     signature = types.void(cells, floors, whole, whole, real, *rest)
 
     def codegen(context, builder, sig, args):
-        cells_p = _data(context, builder, sig.args[0], args[0])
-        floors_p = _data(context, builder, sig.args[1], args[1])
+        cells_p = array_data(context, builder, sig.args[0], args[0])
+        floors_p = array_data(context, builder, sig.args[1], args[1])
         first_cell, tile, wide, nearest, y_first, y_step, offset = (args[k] for k in (2, 3, 4, 8, 9, 10, 11))
         ax, ay, bx, by, cy = (builder.extract_value(args[5], k) for k in range(5))
         long, upper, lower = (_splat(builder, builder.extract_value(args[6], k), 4) for k in range(3))
@@ -145,7 +145,7 @@ def fill_cells(
         ay4, by4, bx4, ax4 = (_splat(builder, v, 4) for v in (ay, by, bx, ax))
         off = ir.Constant(_D4, ir.Undefined)
         for k in range(4):
-            off = builder.insert_element(off, builder.extract_value(offset, k), _I32(k))
+            off = builder.insert_element(off, builder.extract_value(offset, k), I32(k))
         add, sub, mul = builder.fadd, builder.fsub, builder.fmul
         rows = ir.Constant(_D4, [0.0, 1.0, 2.0, 3.0])
         y = add(_splat(builder, y_first, 4), mul(rows, _splat(builder, y_step, 4)))
@@ -164,20 +164,20 @@ def fill_cells(
         used = builder.and_(used, builder.icmp_signed("<", ends[0], ends[1]))
         low = builder.select(used, ends[0], ir.Constant(_I4, [_FAR_COLUMN] * 4))
         high = builder.select(used, ends[1], ir.Constant(_I4, [0] * 4))
-        column_first = builder.ashr(_reduce(builder, low, "<"), _I32(3))
+        column_first = builder.ashr(_reduce(builder, low, "<"), I32(3))
         column_end = _reduce(builder, high, ">")
         slope_y = add(mul(_splat(builder, gy, 4), y), _splat(builder, g0, 4))
-        step = mul(_splat(builder, builder.fptrunc(gx, _F32), 8), ir.Constant(_F8, [float(k) for k in range(8)]))
+        step = mul(_splat(builder, builder.fptrunc(gx, _F32), 8), ir.Constant(F8, [float(k) for k in range(8)]))
 
         entry = builder.block
         names = ("cells", "fresh", "clear", "draw", "onward", "done")
         loop, fresh, clear, draw, onward, done = map(builder.append_basic_block, names)
-        begins = builder.shl(column_first, _I32(3))
+        begins = builder.shl(column_first, I32(3))
         builder.cbranch(builder.icmp_signed("<", begins, column_end), loop, done)
         builder.position_at_end(loop)
-        column = builder.phi(_I32)
+        column = builder.phi(I32)
         column.add_incoming(begins, entry)
-        this = builder.add(tile, builder.zext(builder.ashr(column, _I32(3)), ir.IntType(64)))
+        this = builder.add(tile, builder.zext(builder.ashr(column, I32(3)), ir.IntType(64)))
         floor = builder.load(builder.gep(floors_p, [this]))
         builder.cbranch(builder.fcmp_ordered("<", floor, nearest), fresh, onward)
         builder.position_at_end(fresh)
@@ -190,27 +190,27 @@ def fill_cells(
         builder.position_at_end(draw)
         x_row = add(_splat(builder, builder.sitofp(column, _F64), 4), off)
         w_row = builder.fptrunc(add(mul(_splat(builder, gx, 4), x_row), slope_y), ir.VectorType(_F32, 4))
-        lane = builder.add(_splat(builder, column, 8), ir.Constant(_I8, list(range(8))))
-        place = builder.add(first_cell, builder.zext(builder.shl(column, _I32(6)), ir.IntType(64)))
+        lane = builder.add(_splat(builder, column, 8), ir.Constant(I8, list(range(8))))
+        place = builder.add(first_cell, builder.zext(builder.shl(column, I32(6)), ir.IntType(64)))
         for k in range(4):
             here = builder.add(place, ir.IntType(64)(8 * k))
-            p = builder.bitcast(builder.gep(cells_p, [here]), _I8.as_pointer())
+            p = builder.bitcast(builder.gep(cells_p, [here]), I8.as_pointer())
             shown = builder.add(here, ir.IntType(64)(CELL_SAMPLES))
-            q = builder.bitcast(builder.gep(cells_p, [shown]), _I8.as_pointer())
+            q = builder.bitcast(builder.gep(cells_p, [shown]), I8.as_pointer())
             old, before = builder.load(p, align=4), builder.load(q, align=4)
             inside = builder.and_(
                 builder.icmp_signed(">=", lane, _pick(builder, low, k, 8)),
                 builder.icmp_signed("<", lane, _pick(builder, high, k, 8)),
             )
             # The bits of floats that are not negative are ordered as their values are.
-            w = builder.bitcast(add(_pick(builder, w_row, k, 8), step), _I8)
-            w = builder.and_(w, builder.sext(inside, _I8))
+            w = builder.bitcast(add(_pick(builder, w_row, k, 8), step), I8)
+            w = builder.and_(w, builder.sext(inside, I8))
             nearer = builder.icmp_signed(">", w, old)
             builder.store(builder.select(nearer, w, old), p, align=4)
             _store_all(builder, builder.select(nearer, surface_8, before), q)
         builder.branch(onward)
         builder.position_at_end(onward)
-        following = builder.add(column, _I32(8))
+        following = builder.add(column, I32(8))
         column.add_incoming(following, builder.block)
         builder.cbranch(builder.icmp_signed("<", following, column_end), loop, done)
         builder.position_at_end(done)
@@ -221,7 +221,7 @@ def fill_cells(
 
 def _rows(context, builder, array_type, array, place, step, vector):
     """The four rows of a cell, ``step`` numbers apart."""
-    data, rows = _data(context, builder, array_type, array), []
+    data, rows = array_data(context, builder, array_type, array), []
     for k in range(4):
         here = builder.add(place, builder.mul(step, step.type(k)))
         rows.append(builder.load(builder.bitcast(builder.gep(data, [here]), vector.as_pointer()), align=4))
@@ -237,84 +237,13 @@ def pure_columns(typing, cells, place, step):
     signature = types.int32(cells, types.int64, types.int64)
 
     def codegen(context, builder, sig, args):
-        row = _rows(context, builder, sig.args[0], *args, _I8)
+        row = _rows(context, builder, sig.args[0], *args, I8)
         same = builder.icmp_signed("==", row[0], row[1])
         for other in row[2:]:
             same = builder.and_(same, builder.icmp_signed("==", row[0], other))
-        empty = builder.icmp_signed("<", row[0], ir.Constant(_I8, [0] * 8))
-        pure, bare = (builder.zext(builder.bitcast(bits, ir.IntType(8)), _I32) for bits in (same, empty))
-        return builder.or_(pure, builder.shl(bare, _I32(8)))
-
-    return signature, codegen
-
-
-@intrinsic
-def fetch_ahead(typing, cells, place):
-    """Ask for what a cell's 32 samples show, which is soon to be read; a place past the end does no harm."""
-    signature = types.void(cells, types.int64)
-
-    def codegen(context, builder, sig, args):
-        byte_p = ir.IntType(8).as_pointer()
-        hint = ir.FunctionType(ir.VoidType(), [byte_p, _I32, _I32, _I32])
-        fetch = builder.module.declare_intrinsic("llvm.prefetch", [byte_p], hint)
-        data = _data(context, builder, sig.args[0], args[0])
-        for line in (CELL_SAMPLES, CELL_SAMPLES + 16):
-            here = builder.gep(data, [builder.add(args[1], ir.IntType(64)(line))])
-            builder.call(fetch, [builder.bitcast(here, byte_p), _I32(0), _I32(3), _I32(1)])
-        return context.get_dummy_value()
-
-    return signature, codegen
-
-
-_UNPACK = ([0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15])  # of two rows: the shuffles that AVX has
-_PAIRS = ([0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15])
-_HALVES = ([0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15])
-
-
-@intrinsic
-def turn_rows(typing, table, size, which, place, column, out, to, stride):
-    """Eight numbers of each of eight rows of a table, turned on their side.
-
-    Args:
-        table: float32, C-ordered, rows of ``size`` numbers.
-        which: int32; its elements ``place`` .. ``place + 7`` are the rows.
-        column: the first number of each row.
-        out: float32, flat; number ``c`` of the ``k``-th row goes to ``to + c * stride + k``.
-    """
-    whole = types.int64
-    signature = types.void(table, whole, which, whole, whole, out, whole, whole)
-
-    def codegen(context, builder, sig, args):
-        table_p, which_p, out_p = (_data(context, builder, sig.args[k], args[k]) for k in (0, 2, 5))
-        place, column = args[3], args[4]
-        i64 = ir.IntType(64)
-        rows = []
-        for k in range(8):
-            row = builder.zext(builder.load(builder.gep(which_p, [builder.add(place, i64(k))])), i64)
-            here = builder.gep(table_p, [builder.add(builder.mul(row, args[1]), column)])
-            rows.append(builder.load(builder.bitcast(here, _F8.as_pointer()), align=4))
-        mix = lambda a, b, mask: builder.shuffle_vector(a, b, ir.Constant(_I8, mask))  # noqa: E731
-        pairs = [[mix(rows[k], rows[k + 1], mask) for mask in _UNPACK] for k in (0, 2, 4, 6)]
-        fours = [[mix(a[h], b[h], mask) for h in (0, 1) for mask in _PAIRS] for a, b in (pairs[:2], pairs[2:])]
-        turned = [mix(fours[0][c], fours[1][c], mask) for mask in _HALVES for c in range(4)]
-        for c, vector in enumerate(turned):
-            here = builder.gep(out_p, [builder.add(args[6], builder.mul(args[7], i64(c)))])
-            builder.store(vector, builder.bitcast(here, _F8.as_pointer()), align=4)
-        return context.get_dummy_value()
-
-    return signature, codegen
-
-
-@intrinsic
-def load_pair(typing, array, place, kind):
-    """Two neighbours of an array, read at once as one whole number of ``kind``, the first in its lower half."""
-    signature = kind.dtype(array, types.uint64, kind)
-
-    def codegen(context, builder, sig, args):
-        pair = ir.IntType(sig.return_type.bitwidth)
-        data = _data(context, builder, sig.args[0], args[0])
-        here = builder.bitcast(builder.gep(data, [args[1]]), pair.as_pointer())
-        return builder.load(here, align=sig.args[0].dtype.bitwidth // 8)
+        empty = builder.icmp_signed("<", row[0], ir.Constant(I8, [0] * 8))
+        pure, bare = (builder.zext(builder.bitcast(bits, ir.IntType(8)), I32) for bits in (same, empty))
+        return builder.or_(pure, builder.shl(bare, I32(8)))
 
     return signature, codegen
 
@@ -325,13 +254,13 @@ def _smallest(typing, cells, place):
     signature = types.float32(cells, types.int64)
 
     def codegen(context, builder, sig, args):
-        row = _rows(context, builder, sig.args[0], *args, ir.IntType(64)(8), _F8)
+        row = _rows(context, builder, sig.args[0], *args, ir.IntType(64)(8), F8)
         fold = lambda a, b: builder.select(builder.fcmp_ordered("<", a, b), a, b)  # noqa: E731
         low = fold(fold(row[0], row[1]), fold(row[2], row[3]))
         for half in (4, 2, 1):
-            mask = ir.Constant(_I8, [(k + half) % 8 for k in range(8)])
-            low = fold(low, builder.shuffle_vector(low, ir.Constant(_F8, ir.Undefined), mask))
-        return builder.extract_element(low, _I32(0))
+            mask = ir.Constant(I8, [(k + half) % 8 for k in range(8)])
+            low = fold(low, builder.shuffle_vector(low, ir.Constant(F8, ir.Undefined), mask))
+        return builder.extract_element(low, I32(0))
 
     return signature, codegen
 
