@@ -88,7 +88,7 @@ class EpisodeRows:
     """``EPISODES_FILE``, of which only some rows at a time are in memory; in the order of the episodes.
 
     Raises:
-        FileFormatError: the file is there and is not readable.
+        FileFormatError: the file is there and is not readable, or holds an episode twice.
     """
 
     def __init__(self, path: Path) -> None:
@@ -100,9 +100,16 @@ class EpisodeRows:
         return self.count
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
+        last = -1
         with self._reading(), pq.ParquetFile(self.path) as file:
             for batch in file.iter_batches(batch_size=ROWS_AT_ONCE):
-                yield from batch.to_pylist()
+                for row in batch.to_pylist():
+                    if row["episode_index"] <= last:
+                        raise FileFormatError(
+                            f"{self.path}: episode {row['episode_index']} comes after episode {last}."
+                        )
+                    last = row["episode_index"]
+                    yield row
 
     def row(self, index: int) -> dict[str, Any] | None:
         """One episode's, found by its index; None where there is none."""

@@ -7,9 +7,9 @@ import pytest
 
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.episode import log_of_rows, rows_of, teaching_columns
-from lerobot_spacedock.dataset.provenance import first_row
+from lerobot_spacedock.dataset.provenance import EpisodeRows, first_row
 from lerobot_spacedock.episode_log import EpisodeLog
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import FileFormatError, InputError
 
 
 def test_round_trip_is_exact_to_float32(flights):
@@ -85,3 +85,9 @@ def test_one_row_of_an_episode_is_read_however_many_a_damaged_file_repeats(tmp_p
     assert first_row(tmp_path / "rows.parquet", 7, leave_out="stats/") == {"episode_index": 7, "text": "a" * 40}
     assert first_row(tmp_path / "rows.parquet", 3) is None
     assert pa.default_memory_pool().max_memory() - before < 40 * count / 2, "not all of them at once"
+
+
+def test_an_episode_that_comes_twice_in_the_provenance_is_refused(tmp_path):
+    pq.write_table(pa.table({"episode_index": [0, 1, 1, 2]}), tmp_path / "rows.parquet")
+    with pytest.raises(FileFormatError, match=r"rows\.parquet: episode 1 comes after episode 1"):
+        list(EpisodeRows(tmp_path / "rows.parquet"))

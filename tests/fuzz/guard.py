@@ -84,6 +84,21 @@ class Guard:
             signal.signal(signal.SIGALRM, previous)
 
 
+def forget_peak_mb() -> float:
+    """Have the system forget this process's largest memory so far → what it takes now, MB.
+
+    The mutations of an input are made in the same process, and may take more than its reader.
+    """
+    Path("/proc/self/clear_refs").write_text("5")
+    return peak_mb()
+
+
+def peak_mb() -> float:
+    """The most memory since ``forget_peak_mb``, MB."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(float(line.split()[1]) for line in lines if line.startswith("VmHWM:")) / 1024
+
+
 def limit_memory() -> None:
     """Lets this process take ``MEMORY_BYTES`` more than it has; an allocation beyond fails instead of swapping."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
