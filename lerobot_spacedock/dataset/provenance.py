@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pyarrow import dataset
 
 from lerobot_spacedock import __version__
 from lerobot_spacedock.dataset import schema
@@ -137,11 +136,13 @@ def first_row(path: Path, episode: int, leave_out: str | None = None) -> dict[st
         episode: its index.
         leave_out: columns whose names begin so are not read.
     """
-    file = dataset.dataset(path, format="parquet", partitioning=None)
-    names = [name for name in file.schema.names if leave_out is None or not name.startswith(leave_out)]
-    wanted = dataset.field("episode_index") == episode
-    few = {"batch_size": ROWS_AT_ONCE, "batch_readahead": 1, "fragment_readahead": 1}
-    return next(iter(file.head(1, columns=names, filter=wanted, **few).to_pylist()), None)
+    with pq.ParquetFile(path) as file:
+        names = [name for name in file.schema_arrow.names if leave_out is None or not name.startswith(leave_out)]
+        for batch in file.iter_batches(batch_size=ROWS_AT_ONCE, columns=names):
+            found = np.flatnonzero(batch.column("episode_index").to_numpy(zero_copy_only=False) == episode)
+            if found.size:
+                return batch.slice(found[0], 1).to_pylist()[0]
+    return None
 
 
 def episode_rows(root: Path) -> EpisodeRows | None:
