@@ -21,14 +21,10 @@ _AIR_TOP = (1.0 + 140e3 / EARTH_EQUATORIAL_RADIUS_m) ** 2  # nothing glows above
 
 
 @inner
-def _ground(n, pixel, row0, width, sky, rot, view, light, earth, s, taps, colour):
-    """Add the sunlit Earth to ``n`` pixels whose rays meet it."""
+def _rays(n, pixel, row0, width, rot, view, s):
+    """The unit vectors along which ``n`` pixels look, into the sixth, seventh and eighth chunk of ``s``."""
     f32, i32 = np.float32, np.int32
-    one, zero = f32(1.0), f32(0.0)
-    ro, ro2 = f32(_RO), f32(_RO * _RO)
-    half, per = f32(0.5 * EARTH_SIZE), f32(0.5 * EARTH_SIZE / EARTH_REACH)
-    last = f32(EARTH_SIZE - 2)
-    sx, sy, sz, exposure = light[0], light[1], light[2], light[15]
+    one = f32(1.0)
     r00, r01, r02 = f32(rot[0, 0]), f32(rot[0, 1]), f32(rot[0, 2])
     r10, r11, r12 = f32(rot[1, 0]), f32(rot[1, 1]), f32(rot[1, 2])
     r20, r21, r22 = f32(rot[2, 0]), f32(rot[2, 1]), f32(rot[2, 2])
@@ -42,6 +38,20 @@ def _ground(n, pixel, row0, width, sky, rot, view, light, earth, s, taps, colour
         ry = (r01 * dx + r11 * dy + r21) * inv
         rz = (r02 * dx + r12 * dy + r22) * inv
         s[5 * CHUNK + k], s[6 * CHUNK + k], s[7 * CHUNK + k] = rx, ry, rz
+
+
+@inner
+def _ground(n, pixel, row0, width, sky, rot, view, light, earth, s, taps, colour):
+    """Add the sunlit Earth to ``n`` pixels whose rays meet it."""
+    f32, i32 = np.float32, np.int32
+    one, zero = f32(1.0), f32(0.0)
+    ro, ro2 = f32(_RO), f32(_RO * _RO)
+    half, per = f32(0.5 * EARTH_SIZE), f32(0.5 * EARTH_SIZE / EARTH_REACH)
+    last = f32(EARTH_SIZE - 2)
+    sx, sy, sz, exposure = light[0], light[1], light[2], light[15]
+    _rays(n, pixel, row0, width, rot, view, s)
+    for k in range(np.uint64(n)):
+        rx, ry, rz = s[5 * CHUNK + k], s[6 * CHUNK + k], s[7 * CHUNK + k]
         t = -ro * rx - math.sqrt(max(one - ro2 * (one - rx * rx), zero))
         ny, nz = t * ry, t * rz
         u, v = min(max(ny * per + half, zero), last), min(max(nz * per + half, zero), last)
@@ -177,21 +187,12 @@ def paint_sky(row0, row1, width, sky, rot, view, light, earth, colour):
 @inner
 def _glow(n, pixel, row0, width, sky, rot, view, light, s, colour):
     """Add the air above the limb, and the Sun with its flare, to ``n`` pixels whose rays miss the ground."""
-    f32, i32 = np.float32, np.int32
+    f32 = np.float32
     one, zero = f32(1.0), f32(0.0)
     sx, sy, sz, exposure = light[0], light[1], light[2], light[15]
-    r00, r01, r02 = f32(rot[0, 0]), f32(rot[0, 1]), f32(rot[0, 2])
-    r10, r11, r12 = f32(rot[1, 0]), f32(rot[1, 1]), f32(rot[1, 2])
-    r20, r21, r22 = f32(rot[2, 0]), f32(rot[2, 1]), f32(rot[2, 2])
-    inv_fx, inv_fy = f32(1.0 / view[0]), f32(1.0 / view[1])
-    cx, cy = f32(view[2] - 0.5), f32(view[3] - 0.5 - row0)
+    _rays(n, pixel, row0, width, rot, view, s)
     for k in range(np.uint64(n)):
-        row = pixel[k] // i32(width)
-        dx, dy = (f32(pixel[k] - row * i32(width)) - cx) * inv_fx, (f32(row) - cy) * inv_fy
-        inv = one / math.sqrt(one + dx * dx + dy * dy)
-        rx = (r00 * dx + r10 * dy + r20) * inv
-        ry = (r01 * dx + r11 * dy + r21) * inv
-        rz = (r02 * dx + r12 * dy + r22) * inv
+        rx, ry, rz = s[5 * CHUNK + k], s[6 * CHUNK + k], s[7 * CHUNK + k]
         gap = f32(_RO * _RO) * (one - rx * rx)
         red, green, blue = _limb(rx, ry, rz, -rx, max(gap, one), sx, sy, sz)
         air = one if (rx < zero) & (gap < f32(_AIR_TOP)) else zero
