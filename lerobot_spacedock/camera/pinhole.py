@@ -41,9 +41,10 @@ def extrinsics(r_H: np.ndarray, q_HB: np.ndarray) -> np.ndarray:
         r_H: m, (3,), the camera in Hill axes, relative to the port.
         q_HB: attitude, (4,), scalar first.
     """
-    out = np.eye(4)
+    out = np.zeros((4, 4))
     out[:3, :3] = rotation_CH(q_HB)
     out[:3, 3] = -out[:3, :3] @ np.asarray(r_H, float)
+    out[3, 3] = 1.0
     return out
 
 

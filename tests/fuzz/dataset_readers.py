@@ -39,6 +39,14 @@ def make_dataset(folder: Path) -> list:
     return files + [(file, mutations.parquet) for file in sorted(found) if file.name != "tasks.parquet"]
 
 
+def make_checked_dataset(folder: Path) -> list:
+    """The same; and a frame is drawn, as the check does where the metadata claim that the pictures were."""
+    from lerobot_spacedock.camera import FIXED_SUN_H, CameraConfig, make_renderer
+
+    make_renderer(CameraConfig(height=16, width=24)).render([0, -10, 0], [1, 0, 0, 0], FIXED_SUN_H["zvezda_aft"])
+    return make_dataset(folder)
+
+
 def root_of(path: Path) -> Path:
     return next(parent for parent in path.parents if parent.name == "dataset")
 
@@ -135,7 +143,7 @@ def _files(root: Path) -> list[Path]:
 
 DATASET_READERS = (
     Reader("LeRobotDatasets", make_dataset, read_dataset),
-    Reader("LeRobotDatasets, checked", make_dataset, check_dataset),
+    Reader("LeRobotDatasets, checked", make_checked_dataset, check_dataset),
     Reader("LeRobotDatasets, imitated", make_dataset, imitate_dataset),
     Reader("hub repositories", make_repository, fetch_repository, framed=True, loopback=True),
 )
