@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from lerobot_spacedock.columns import iterate_columns
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.episode import log_of_rows
 from lerobot_spacedock.dataset.provenance import (
@@ -21,13 +22,11 @@ from lerobot_spacedock.dataset.provenance import (
     read_dataset_facts,
     terminal_state,
 )
-from lerobot_spacedock.dataset.statistics import column_array
 from lerobot_spacedock.episode_log import MAX_STATES, EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, reading
 from lerobot_spacedock.files import read_object
 
 INDEX_COLUMNS = ("timestamp", "frame_index", "episode_index", "index", "task_index")
-BATCH_ROWS = 4096
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ class DatasetReader:
         held: dict[str, list[np.ndarray]] | None = None
         current: int | None = None
         about = _Cursor(self.about)
-        for batch in self._batches(names):
+        for batch in iterate_columns(self.root, names):
             index = batch["episode_index"][:, 0]
             cuts = np.flatnonzero(np.diff(index)) + 1
             for start, stop in zip([0, *cuts], [*cuts, len(index)], strict=True):
@@ -122,20 +121,6 @@ class DatasetReader:
                     raise FileFormatError(f"{self.root / 'data'}: episode {current} has more than {MAX_STATES:,} rows.")
         if current is not None:
             yield _episode(self.root, current, held, about)
-
-    def _batches(self, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
-        for path in sorted((self.root / "data").glob("chunk-*/file-*.parquet")):
-            try:
-                with pq.ParquetFile(path) as file:
-                    missing = [name for name in names if name not in file.schema_arrow.names]
-                    if missing:
-                        raise FileFormatError(f"{path}: columns {missing} are missing.")
-                    for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=names):
-                        yield {name: column_array(batch.column(name)) for name in names}
-            except (pa.ArrowException, OSError, ValueError) as error:
-                if isinstance(error, FileFormatError):
-                    raise
-                raise FileFormatError(f"{path}: not a readable Parquet file ({error}).") from error
 
     def _read_lengths(self) -> tuple[dict[Path, np.ndarray], np.ndarray]:
         """The indices in each file of ``meta/episodes``; and the lengths in the order of the episodes."""

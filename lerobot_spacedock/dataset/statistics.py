@@ -8,19 +8,18 @@ float64; files are read batch by batch, so that memory does not grow with the da
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from lerobot_spacedock.columns import iterate_columns
 from lerobot_spacedock.errors import FileFormatError
 from lerobot_spacedock.files import aside, write_json
 
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 HISTOGRAM_BINS = 1 << 16
-BATCH_ROWS = 8192
 EPISODES_AT_ONCE = 256
 
 
@@ -93,21 +92,6 @@ def float_columns(root: Path) -> list[str]:
         for name, feature in info["features"].items()
         if feature["dtype"] in ("float32", "float64") and len(feature["shape"]) == 1
     ]
-
-
-def iterate_columns(root: Path, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
-    """The named numeric columns of a dataset, in batches of rows, each (n, d); nothing else is read."""
-    for path in sorted((root / "data").glob("chunk-*/file-*.parquet")):
-        with pq.ParquetFile(path) as file:
-            for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=names):
-                yield {name: column_array(batch.column(name)) for name in names}
-
-
-def column_array(column: pa.Array) -> np.ndarray:
-    """A Parquet column of scalars or of fixed-length lists as (n, d)."""
-    if pa.types.is_list(column.type) or pa.types.is_fixed_size_list(column.type):
-        return column.flatten().to_numpy(zero_copy_only=False).reshape(len(column), -1)
-    return column.to_numpy(zero_copy_only=False).reshape(len(column), 1)
 
 
 def repair_statistics(root: Path | str) -> dict[str, dict[str, np.ndarray]]:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
-from lerobot_spacedock.errors import FileFormatError, InputError, check_size, reading
+from lerobot_spacedock.columns import iterate_columns
+from lerobot_spacedock.episode_log import MAX_STATES
+from lerobot_spacedock.errors import FileFormatError, InputError, reading
 from lerobot_spacedock.files import read_object
 from lerobot_spacedock.physics.frames import ACTION_DIM, MASS, OBSERVATION_INDICES, STATE_DIM
 
-_COLUMNS = ["observation.state", "action", "episode_index", "frame_index"]
-_ROW_BYTES = 1000  # a row's two vectors as NumPy objects, in arrays, and in order
+_INDICES = ("episode_index", "frame_index")
+_COLUMNS = ("observation.state", "action", *_INDICES)
 
 
 def find_dataset(name: str) -> Path:
@@ -46,23 +47,13 @@ def load_demonstrations(folder: Path) -> list[tuple[np.ndarray, np.ndarray]]:
     codebase = read_object(folder / "meta" / "info.json").get("codebase_version")
     if codebase != "v3.0":
         raise FileFormatError(f"{folder}: a LeRobotDataset of version {codebase}, v3.0 was expected; convert it first")
-    files = sorted((folder / "data").rglob("*.parquet"))
-    if not files:
-        raise FileFormatError(f"{folder / 'data'}: no Parquet file")
     with reading(folder / "data", f"demonstrations ({', '.join(_COLUMNS)})"):
-        return _episodes(folder, files)
+        return _episodes(folder)
 
 
-def _episodes(folder: Path, files: list[Path]) -> list[tuple[np.ndarray, np.ndarray]]:
-    for file in files:
-        check_size(file, "rows", pq.read_metadata(file).num_rows * _ROW_BYTES)
-    table = pa.concat_tables([pq.read_table(file, columns=_COLUMNS, partitioning=None) for file in files])
-    if not table.num_rows:
-        raise FileFormatError(f"{folder / 'data'}: no rows")
-    state = np.stack(table["observation.state"].to_numpy())
-    action = np.stack(table["action"].to_numpy())
-    if state.ndim != 2 or action.ndim != 2:
-        raise FileFormatError(f"{folder}: observation.state or action of one number a row; vectors are needed")
+def _episodes(folder: Path) -> list[tuple[np.ndarray, np.ndarray]]:
+    columns, lengths = _columns(folder)
+    state, action = columns["observation.state"], columns["action"]
     if state.shape[1] == STATE_DIM:
         state = np.delete(state, MASS, axis=1)
     if state.shape[1] != len(OBSERVATION_INDICES) or action.shape[1] != ACTION_DIM:
@@ -72,13 +63,23 @@ def _episodes(folder: Path, files: list[Path]) -> list[tuple[np.ndarray, np.ndar
         )
     if not (np.isfinite(state).all() and np.isfinite(action).all()):
         raise FileFormatError(f"{folder}: values that are not finite")
-    episode, frame = table["episode_index"].to_numpy(), table["frame_index"].to_numpy()
-    order = np.lexsort((frame, episode))
-    starts = np.flatnonzero(np.diff(episode[order], prepend=episode[order][0] - 1))
-    return list(
-        zip(
-            np.split(state[order].astype(np.float32), starts[1:]),
-            np.split(action[order].astype(np.float32), starts[1:]),
-            strict=True,
-        )
-    )
+    order = np.lexsort((columns["frame_index"][:, 0], columns["episode_index"][:, 0]))
+    cuts = np.cumsum([lengths[episode] for episode in sorted(lengths)])[:-1]
+    return list(zip(np.split(state[order], cuts), np.split(action[order], cuts), strict=True))
+
+
+def _columns(folder: Path) -> tuple[dict[str, np.ndarray], Counter[int]]:
+    """The columns, vectors in single precision; and the number of rows of each episode."""
+    parts: dict[str, list[np.ndarray]] = {name: [] for name in _COLUMNS}
+    lengths: Counter[int] = Counter()
+    for batch in iterate_columns(folder, _COLUMNS):
+        for name, values in batch.items():
+            parts[name].append(values.astype(np.int64 if name in _INDICES else np.float32))
+        found, counts = np.unique(parts["episode_index"][-1], return_counts=True)
+        lengths.update(dict(zip(found.tolist(), counts.tolist(), strict=True)))
+        episode, rows = lengths.most_common(1)[0]
+        if rows > MAX_STATES:
+            raise FileFormatError(f"{folder / 'data'}: episode {episode} has more than {MAX_STATES:,} rows")
+    if not lengths:
+        raise FileFormatError(f"{folder / 'data'}: no rows")
+    return {name: np.concatenate(parts.pop(name)) for name in _COLUMNS}, lengths

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from lerobot_spacedock.env.batch import BatchedSpaceDock
+from lerobot_spacedock.episode_log import MAX_STATES
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.expert.demonstrations import find_dataset, load_demonstrations
 from lerobot_spacedock.expert.evaluate import TASKS
@@ -149,5 +150,19 @@ def test_what_is_refused(tmp_path, monkeypatch):
     with pytest.raises(FileFormatError, match="action of 5 values"):
         load_demonstrations(tmp_path / "short")
     pq.write_table(table.drop_columns(["action"]), file)
-    with pytest.raises(FileFormatError, match="not readable as demonstrations"):
+    with pytest.raises(FileFormatError, match=r"columns \['action'\] are missing"):
         load_demonstrations(tmp_path / "short")
+    uneven = [[0.0] * 4, [0.0] * 8, *[[0.0] * 6] * (table.num_rows - 2)]  # as many numbers as six a row would be
+    pq.write_table(table.set_column(1, "action", pa.array(uneven)), file)
+    with pytest.raises(FileFormatError, match="different lengths"):
+        load_demonstrations(tmp_path / "short")
+
+
+def test_a_file_that_repeats_its_rows_is_refused_before_it_is_held(tmp_path):
+    write_dataset(tmp_path / "long", episodes=2, steps=3)
+    for file in (tmp_path / "long" / "data").rglob("*.parquet"):
+        row = pq.read_table(file).slice(0, 1)
+        repeated = {name: pa.repeat(row.column(name)[0], 2 * MAX_STATES) for name in row.column_names}
+        pq.write_table(pa.table(repeated), file)
+    with pytest.raises(FileFormatError, match="episode 0 has more than 1,000,000 rows"):
+        load_demonstrations(tmp_path / "long")
