@@ -160,9 +160,9 @@ def test_what_is_refused(tmp_path, monkeypatch):
 
 def test_a_file_that_repeats_its_rows_is_refused_before_it_is_held(tmp_path):
     write_dataset(tmp_path / "long", episodes=2, steps=3)
-    for file in (tmp_path / "long" / "data").rglob("*.parquet"):
-        row = pq.read_table(file).slice(0, 1)
-        repeated = {name: pa.repeat(row.column(name)[0], 2 * MAX_STATES) for name in row.column_names}
-        pq.write_table(pa.table(repeated), file)
-    with pytest.raises(FileFormatError, match="episode 0 has more than 1,000,000 rows"):
+    file = next((tmp_path / "long" / "data").rglob("*.parquet"))
+    row = pq.read_table(file).slice(0, 1)
+    repeated = {name: pa.repeat(row.column(name)[0], MAX_STATES + 1) for name in row.column_names}
+    pq.write_table(pa.table(repeated), file)
+    with pytest.raises(FileFormatError, match=r"episode \d has more than 1,000,000 rows"):
         load_demonstrations(tmp_path / "long")
