@@ -3,6 +3,7 @@
 from .config import BACKENDS, DETAILS, PORTS, CameraConfig, SensorConfig
 from .pinhole import extrinsics, intrinsics, project_points
 from .renderer import Buffers, Renderer, make_renderer
+from .sensor import sensor_noise
 from .sun import FIXED_SUN_H, draw_sun, sun_from_orbit, sunlit_share
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "intrinsics",
     "make_renderer",
     "project_points",
+    "sensor_noise",
     "sun_from_orbit",
     "sunlit_share",
 ]

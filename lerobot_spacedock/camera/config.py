@@ -34,13 +34,20 @@ class SensorConfig:
     bloom_threshold: float = 0.8
     """Linear level, 0 to 1, above which light blooms."""
     seed: int = 0
-    """Seed of the noise; a generator passed to render() takes its place."""
+    """Seed of the noise, beside the episode's; a generator passed to render() takes its place."""
 
     def __post_init__(self) -> None:
         for name in ("read_noise", "full_well_electrons", "blur_px", "bloom", "bloom_px", "bloom_threshold"):
             _in_range(f"camera.sensor.{name}", getattr(self, name), 0.0, 1e7)
         for name in ("distortion_k1", "distortion_k2"):
             _in_range(f"camera.sensor.{name}", getattr(self, name), -1.0, 1.0)
+        if not isinstance(self.seed, int) or self.seed < 0:
+            raise InputError("camera.sensor.seed", self.seed, "a whole number, 0 or more")
+
+    @property
+    def noisy(self) -> bool:
+        """Whether a frame holds noise."""
+        return self.read_noise > 0.0 or self.full_well_electrons > 0.0
 
     @property
     def active(self) -> bool:
@@ -104,7 +111,7 @@ class CameraConfig:
 def one_of(what: str, given: object, allowed: tuple[str, ...]) -> None:
     """Raise unless ``given`` is one of the names."""
     if given not in allowed:
-        raise InputError(what, given, ", ".join(allowed))
+        raise InputError(what, given, " | ".join(allowed))
 
 
 def _in_range(what: str, given: object, low: float, high: float) -> None:

@@ -14,6 +14,16 @@ from .pinhole import intrinsics
 MAX_PAD_SHARE = 0.6  # of the picture's side that may be drawn outside it, for the lens to bend in
 
 
+def sensor_noise(config: CameraConfig, seed: int, time_s: float) -> np.random.Generator | None:
+    """The source of one frame's noise: a function of the camera's seed, the episode's and the moment in it.
+
+    Whoever draws a state again draws its noise again. None for a camera without noise.
+    """
+    if not config.sensor.noisy:
+        return None
+    return np.random.default_rng([config.sensor.seed, seed % 2**63, round(1e6 * time_s)])
+
+
 class Sensor:
     """Applies one :class:`SensorConfig` to pictures of one size.
 
@@ -52,8 +62,8 @@ class Sensor:
             linear = linear + np.float32(s.bloom) * _blur(
                 np.maximum(linear - np.float32(s.bloom_threshold), 0), s.bloom_px
             )
-        if s.full_well_electrons > 0.0 or s.read_noise > 0.0:
-            if generator is None:  # each frame its own noise, the same in every run
+        if s.noisy:
+            if generator is None:  # each frame its own, in the order in which they are drawn
                 generator = np.random.Generator(np.random.PCG64([s.seed, self._count]))
                 self._count += 1
             variance = np.full_like(linear, s.read_noise**2)

@@ -44,7 +44,7 @@ def assemble(job: Job) -> Total:
         SpaceDockError: writing failed; the shards stay, and the same command goes on from them.
     """
     plan = Plan.read(job.plan_path)
-    total, shards = _count(job, plan.num_shards)
+    total, shards = _count(job, plan)
     if not total.episodes:
         listed = "; ".join(f"{name}: {reason}" for name, reason in total.left_out[:3])
         raise FileFormatError(f"None of {len(total.left_out)} episodes could be read. {listed}")
@@ -67,12 +67,13 @@ def assemble(job: Job) -> Total:
     return total
 
 
-def _count(job: Job, num_shards: int) -> tuple[Total, list[Path]]:
+def _count(job: Job, plan: Plan) -> tuple[Total, list[Path]]:
     """The sizes of all shards together, and the folders of those that hold something."""
-    episodes, frames, left_out, shards = 0, 0, [], []
+    episodes, frames, shards = 0, 0, []
+    left_out = [tuple(pair) for pair in plan.facts.get("left_out", [])]  # found unreadable when episodes were chosen
     sizes: Counter[str] = Counter()
     assumed: Counter[str] = Counter()
-    for index in range(num_shards):
+    for index in range(plan.num_shards):
         summary = read_summary(job, index)
         episodes, frames = episodes + len(summary.rows), frames + summary.frames
         left_out += summary.left_out

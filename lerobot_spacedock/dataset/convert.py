@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,13 +14,14 @@ from lerobot_spacedock.camera import CameraConfig
 from lerobot_spacedock.dataset.assemble import assemble
 from lerobot_spacedock.dataset.encoder import check_encoder
 from lerobot_spacedock.dataset.episode import succeeded
-from lerobot_spacedock.dataset.frames import drawing_options
+from lerobot_spacedock.dataset.frames import check_drawing, drawing_options
 from lerobot_spacedock.dataset.job import Job, Plan, shard_count
 from lerobot_spacedock.dataset.record import DatasetLayout, Storage
 from lerobot_spacedock.dataset.roots import check_repo_id, dataset_root
 from lerobot_spacedock.dataset.scale import ExecutorConfig, run_executor
 from lerobot_spacedock.dataset.segments import Segment
 from lerobot_spacedock.dataset.selection import RULES, best, check_rule, score
+from lerobot_spacedock.dataset.shards import reason_of
 from lerobot_spacedock.dataset.sources import FORMATS, EpisodeRef, list_episodes, load
 from lerobot_spacedock.dataset.workers import available_cores, check_workers
 from lerobot_spacedock.env.config import SpaceDockConfig
@@ -128,7 +130,7 @@ def _check(config: ConvertConfig) -> None:
     if not config.num_episodes and (config.select != "first" or config.successes_first):
         given = f"--select={config.select} --successes_first={str(config.successes_first).lower()} without a number"
         raise InputError("--num_episodes", given, "how many to keep", "Left out, all are kept.")
-    if config.step_s <= 0.0:
+    if not (math.isfinite(config.step_s) and config.step_s > 0.0):
         raise InputError("--step_s", config.step_s, "seconds, above 0")
     if config.repeat_terminal < 0 or (config.repeat_terminal and Segment.parse(config.segment).whole):
         raise InputError("--repeat_terminal", config.repeat_terminal, "0, or more with a --segment such as last:10m")
@@ -153,13 +155,17 @@ def _plan(config: ConvertConfig) -> tuple[Plan, list[EpisodeRef]]:
     options = {"step_s": config.step_s} if config.format in ("hdf5", "npz", "minari", "lerobot") else {}
     source = config.source if config.format == "minari" else Path(config.source).resolve()
     found = list_episodes(config.format, source, **options)
-    refs, selection = _select(config, found)
-    env = _common_env(config, refs)
+    refs, selection, left_out = _select(config, found)
+    drawn = config.images == "draw" or (config.images == "auto" and not _has_pictures(refs))
+    env = _common_env(config, refs, drawn=drawn)
+    drawing = drawing_options(env or _plain_env(config)) if config.images != "none" else None
+    if drawn and config.executor.here:
+        check_drawing(drawing)
     camera = env.camera if env is not None else config.camera
     plan = Plan(
         layout=_layout(config, camera),
         num_shards=shard_count(len(refs), config.num_workers or available_cores()),
-        drawing=drawing_options(env or _plain_env(config)) if config.images != "none" else None,
+        drawing=drawing,
         redraw=config.images == "draw",
         segment=config.segment,
         repeat_terminal=config.repeat_terminal,
@@ -174,8 +180,9 @@ def _plan(config: ConvertConfig) -> tuple[Plan, list[EpisodeRef]]:
             "segment": config.segment,
             "repeat_terminal": config.repeat_terminal,
             "storage": asdict(config.storage),
-            "drawing": drawing_options(env or _plain_env(config)) if config.images != "none" else None,
-            "pictures": "stored" if config.images == "auto" and _has_pictures(refs) else "drawn",
+            "drawing": drawing,
+            "pictures": "stored" if config.images == "auto" and not drawn else "drawn",
+            **({"left_out": left_out} if left_out else {}),
         },
     )
     return plan, refs
@@ -189,28 +196,33 @@ def _inherited(config: ConvertConfig) -> dict[str, Any]:
     return inherited_facts(Path(config.source))
 
 
-def _select(config: ConvertConfig, found: list[EpisodeRef]) -> tuple[list[EpisodeRef], dict[str, Any]]:
+def _select(
+    config: ConvertConfig, found: list[EpisodeRef]
+) -> tuple[list[EpisodeRef], dict[str, Any], list[tuple[str, str]]]:
+    """The episodes that are kept, what is said of how they were chosen, and (episode, reason) of the unreadable."""
     keep = config.num_episodes or len(found)
     if keep > len(found):
         raise InputError("--num_episodes", keep, f"at most {len(found)}, which is all that {config.source} holds")
     if config.select == "first" and not config.successes_first:
-        return found[:keep], {"kept": keep, "of": len(found), "rule": "first", "rule_text": _rule_text(config)}
-    refs, scores, successes = [], [], []
+        return found[:keep], {"kept": keep, "of": len(found), "rule": "first", "rule_text": _rule_text(config)}, []
+    refs, scores, successes, left_out = [], [], [], []
     for ref in tqdm(found, unit="episode", desc="Reading"):
         try:
             log = load(ref).log
-        except FileFormatError:
+        except FileFormatError as error:
             if not config.skip_bad:
                 raise
+            left_out.append((ref.label, reason_of(error, ref)))
             continue
-        if config.select == "return" and "rewards" in log.metadata:
-            raise InputError("--select", "return", "another rule", f"Rewards are {log.metadata['rewards']}.")
+        for rule, name in (("return", "rewards"), ("propellant", "mass")):
+            if config.select == rule and name in log.metadata:
+                raise InputError("--select", rule, "another rule", f"{ref.label}, {name}: {log.metadata[name]}.")
         refs.append(ref)
         scores.append(score(log, config.select))
         successes.append(succeeded(log))
     kept = best(scores, successes, keep, successes_first=config.successes_first)
-    chosen = {"kept": len(kept), "of": len(found), "rule": config.select, "rule_text": _rule_text(config)}
-    return [refs[i] for i in kept], chosen
+    chosen = {"kept": len(kept), "of": len(refs), "rule": config.select, "rule_text": _rule_text(config)}
+    return [refs[i] for i in kept], chosen, left_out
 
 
 def _rule_text(config: ConvertConfig) -> str:
@@ -220,12 +232,17 @@ def _rule_text(config: ConvertConfig) -> str:
     return f"successes first, then {text}" if config.successes_first else text
 
 
-def _common_env(config: ConvertConfig, refs: list[EpisodeRef]) -> SpaceDockConfig | None:
-    """The environment of the first episode, with the camera that was asked for; None where the source has none."""
+def _common_env(config: ConvertConfig, refs: list[EpisodeRef], *, drawn: bool) -> SpaceDockConfig | None:
+    """The environment of the first episode; None where the source has none.
+
+    Where frames are drawn, camera, renderer and Sun are those that were asked for.
+    """
     if config.format not in ("logs", "lerobot") or not refs:
         return None
     try:
         recorded = load(refs[0]).log.metadata.get("config")
+        if not drawn:  # what the pictures show, which the flight's own configuration need not know
+            recorded = _inherited(config).get("env") or recorded
     except FileFormatError:
         return None
     if not isinstance(recorded, dict):
@@ -234,6 +251,9 @@ def _common_env(config: ConvertConfig, refs: list[EpisodeRef]) -> SpaceDockConfi
         env = SpaceDockConfig.from_options(**recorded)
     except (InputError, TypeError):
         return None
+    if not drawn:
+        size = {"height": config.camera.height, "width": config.camera.width}
+        return replace(env, camera=replace(env.camera, **size), log_dir=None)
     camera = replace(config.camera, port=env.port)
     return replace(env, camera=camera, renderer=config.renderer, sun=config.sun, log_dir=None)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from lerobot_spacedock.dataset.assemble import assemble
 from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig
 from lerobot_spacedock.dataset.encoder import check_encoder
 from lerobot_spacedock.dataset.flight import fly
-from lerobot_spacedock.dataset.frames import drawing_options
+from lerobot_spacedock.dataset.frames import check_drawing, drawing_options
 from lerobot_spacedock.dataset.job import Job, Plan, shard_count
 from lerobot_spacedock.dataset.record import DatasetLayout, Storage
 from lerobot_spacedock.dataset.roots import check_repo_id, dataset_root
@@ -32,7 +33,7 @@ from lerobot_spacedock.dataset.workers import available_cores, check_workers
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.env.registration import ENV_IDS
 from lerobot_spacedock.env.scenario_config import get_initial_conditions
-from lerobot_spacedock.episode_log import log_path, read_episode_log, write_episode_log
+from lerobot_spacedock.episode_log import EpisodeLog, log_path, read_episode_log, write_episode_log
 from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.expert.controllers import EXPERTS, make_expert
 from lerobot_spacedock.files import aside, write_json
@@ -194,6 +195,8 @@ def _check(config: DemosConfig) -> None:
         config.env_config(name)
     _layout(config).columns()
     check_encoder(_layout(config))
+    if config.image and config.executor.here:
+        check_drawing(drawing_options(config.env_config(config.starts[0])))
 
 
 def _layout(config: DemosConfig) -> DatasetLayout:
@@ -209,22 +212,31 @@ def _layout(config: DemosConfig) -> DatasetLayout:
     )
 
 
-def _fly_candidates(config: DemosConfig, job: Job) -> None:
-    """Flies what has not been flown; each episode is a file of its own the moment its block has ended."""
+def flight_blocks(config: DemosConfig) -> Iterator[tuple[SpaceDockConfig, np.ndarray]]:
+    """The environment and the seeds of each block of candidates that is flown at once."""
     seeds = config.seed + np.arange(config.candidates)
     sets = np.arange(config.candidates) % len(config.starts)
-    with tqdm(total=len(seeds), unit="flight", desc="Flying") as bar:
-        for index, name in enumerate(config.starts):
-            env = config.env_config(name)
-            own = seeds[sets == index]
-            for at in range(0, len(own), FLIGHT_BLOCK):
-                block = own[at : at + FLIGHT_BLOCK]
-                if not all(log_path(job.flights, seed).exists() for seed in block):
-                    policy = make_expert(config.expert, env, checkpoint=config.checkpoint)
-                    disturbance = Disturbance.draw(block, env.max_steps, config.kicks, config.noise)
-                    for log in fly(policy, env, block, disturbance):
-                        write_episode_log(log_path(job.flights, log.metadata["seed"]), log)
-                bar.update(len(block))
+    for index, name in enumerate(config.starts):
+        own = seeds[sets == index]
+        for at in range(0, len(own), FLIGHT_BLOCK):
+            yield config.env_config(name), own[at : at + FLIGHT_BLOCK]
+
+
+def fly_block(config: DemosConfig, env: SpaceDockConfig, block: np.ndarray) -> Iterator[EpisodeLog]:
+    """The flights of one block; an expert that samples its actions draws other noise in every block."""
+    policy = make_expert(config.expert, env, checkpoint=config.checkpoint, seed=int(block[0]))
+    disturbance = Disturbance.draw(block, env.max_steps, config.kicks, config.noise)
+    return fly(policy, env, block, disturbance)
+
+
+def _fly_candidates(config: DemosConfig, job: Job) -> None:
+    """Flies what has not been flown; each episode is a file of its own the moment its block has ended."""
+    with tqdm(total=config.candidates, unit="flight", desc="Flying") as bar:
+        for env, block in flight_blocks(config):
+            if not all(log_path(job.flights, seed).exists() for seed in block):
+                for log in fly_block(config, env, block):
+                    write_episode_log(log_path(job.flights, log.metadata["seed"]), log)
+            bar.update(len(block))
 
 
 def _select(config: DemosConfig, job: Job) -> tuple[list[EpisodeRef], dict[str, Any]]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_spacedock.camera import CameraConfig, Renderer, SensorConfig, make_renderer
+from lerobot_spacedock.camera import CameraConfig, Renderer, SensorConfig, make_renderer, sensor_noise
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.env.sunlight import SunPath
 from lerobot_spacedock.episode_log import EpisodeLog
@@ -61,16 +61,29 @@ class Artist:
             first: index of the first state drawn.
             last: index past the last one.
         """
-        sun = SunPath(self.sun, self.config.port)
-        sun.start(int(log.metadata.get("seed") or 0))
+        sun, seed = SunPath(self.sun, self.config.port), int(log.metadata.get("seed") or 0)
+        sun.start(seed)
         start_s = float(log.metadata.get("segment_start_s", 0.0))
         last = log.num_steps if last is None else last
         for state, time_s in zip(log.state[first:last], log.time[first:last], strict=True):
-            yield self.renderer.render(state[POSITION], state[QUATERNION], sun.at(start_s + float(time_s)))
+            moment = start_s + float(time_s)
+            noise = sensor_noise(self.config, seed, moment)
+            yield self.renderer.render(state[POSITION], state[QUATERNION], sun.at(moment), generator=noise)
 
     def close(self) -> None:
         if "renderer" in vars(self):
             self.renderer.close()
+
+
+def check_drawing(drawing: dict[str, Any]) -> None:
+    """Makes the renderer that these keyword arguments of ``Artist`` name, and closes it, before long work begins.
+
+    Raises:
+        InputError, FileFormatError, MissingDependencyError: as ``make_renderer``.
+    """
+    artist = Artist(**drawing)
+    _ = artist.renderer
+    artist.close()
 
 
 def drawing_options(config: SpaceDockConfig) -> dict[str, Any]:

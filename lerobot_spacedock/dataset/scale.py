@@ -42,11 +42,11 @@ class ExecutorConfig:
     qos: str | None = None
     # ray and slurm: time limit of a task, HH:MM:SS
     time: str = "02:00:00"
-    # cores a task may use
+    # ray and slurm: cores a task may use
     cpus_per_task: int = 1
     # ray and slurm: GB of memory a core
     mem_per_cpu_gb: int = 4
-    # how often tasks that failed or were killed are tried again
+    # local and ray: how often tasks that failed or were killed are tried again
     retries: int = 2
 
     def __post_init__(self) -> None:
@@ -59,6 +59,11 @@ class ExecutorConfig:
                 raise InputError(f"--executor.{name}", getattr(self, name), f"{least} or more")
         if not re.fullmatch(r"\d+:[0-5]\d:[0-5]\d", self.time):
             raise InputError("--executor.time", self.time, "hours, minutes and seconds: HH:MM:SS")
+
+    @property
+    def here(self) -> bool:
+        """Whether the work is done on this machine."""
+        return self.kind in ("processes", "local")
 
     @property
     def time_limit_s(self) -> int:

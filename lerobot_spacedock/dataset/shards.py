@@ -141,12 +141,15 @@ def _write(
                 raise
             if recorder is not None:
                 recorder.discard_episode()
-            # without the folders above: it will be published with the dataset
-            reason = str(error).replace(f"{Path(ref.path).parent}/", "")
-            left_out.append((ref.label, reason.removeprefix(f"{ref.label}: ")))
+            left_out.append((ref.label, reason_of(error, ref)))
     if recorder is not None:
         recorder.close()
     return ShardSummary(rows, left_out, dict(changed), dict(assumed))
+
+
+def reason_of(error: Exception, ref: EpisodeRef) -> str:
+    """Why an episode was left out, without the folders above it: it will be published with the dataset."""
+    return str(error).replace(f"{Path(ref.path).parent}/", "").removeprefix(f"{ref.label}: ")
 
 
 def _frames(

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
 
-from lerobot_spacedock.camera.config import CameraConfig
+from lerobot_spacedock.camera.config import BACKENDS, CameraConfig, one_of
 from lerobot_spacedock.env.reward_config import RewardConfig
 from lerobot_spacedock.env.scenario_config import MetaRanges, get_initial_conditions
 from lerobot_spacedock.errors import InputError
@@ -72,8 +72,8 @@ class TaskConfig:
     def __post_init__(self) -> None:
         get_initial_conditions(self.initial_conditions)
         get_port(self.port)
-        _one_of("dynamics", self.dynamics, DYNAMICS)
-        _one_of("time_step", self.time_step, TIME_STEP_MODES)
+        one_of("dynamics", self.dynamics, DYNAMICS)
+        one_of("time_step", self.time_step, TIME_STEP_MODES)
         if isinstance(self.max_steps, bool) or not isinstance(self.max_steps, int) or self.max_steps < 1:
             raise InputError("max_steps", self.max_steps, "an integer ≥ 1")
         _check_switches(self)
@@ -120,8 +120,9 @@ class SpaceDockConfig(TaskConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _one_of("obs_type", self.obs_type, OBS_TYPES)
-        _one_of("sun", self.sun, SUNS)
+        one_of("obs_type", self.obs_type, OBS_TYPES)
+        one_of("renderer", self.renderer, BACKENDS)
+        one_of("sun", self.sun, SUNS)
         pose = self.station_pose
         if pose is not None and not (isinstance(pose, tuple | list) and len(pose) == 16 and all(map(_is_finite, pose))):
             raise InputError("station_pose", pose, "16 finite numbers, a 4×4 matrix row by row")
@@ -193,8 +194,3 @@ def _check_numbers(group: str, config: Any) -> None:
             raise InputError(name, value, "a finite number ≥ 0")
         elif item.name.endswith("_fraction") and value >= 1.0:
             raise InputError(name, value, "a fraction, 0 ≤ fraction < 1")
-
-
-def _one_of(name: str, value: object, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        raise InputError(name, value, " | ".join(allowed))

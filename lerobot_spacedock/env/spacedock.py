@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from lerobot_spacedock.camera import extrinsics, intrinsics, make_renderer
+from lerobot_spacedock.camera import extrinsics, intrinsics, make_renderer, sensor_noise
 from lerobot_spacedock.env.batch import BatchedSpaceDock
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.env.reward import STEP_TERMS
@@ -45,7 +45,7 @@ class SpaceDockEnv(gym.Env):
     | observation O | `agent_pos` and/or `pixels` |
     | observation model Ω | exact, but in the meta task, where each reading carries a constant bias and fresh Gaussian noise (`MetaRanges`); the picture shows the true pose |
     | transition T | HCW translation under the body-fixed thrust, Euler's equations, mass flow; the step's length is drawn from N(0.907, 0.077) s within 0.6 to 1.25 s, unless fixed or given |
-    | reward R | bounded terms of tracking, effort and smoothness each step and a bonus at the end (`env/reward.py`); each term in `info` as `reward_<term>` |
+    | reward R | each step bounded costs of closing speed, drift, lateral offset, attitude and rates, and one in proportion to the change of command; a bonus at the end (`env/reward.py`); each term in `info` as `reward_<term>` |
     | discount γ | 0.99 is what the expert is trained with; the environment has none of its own |
 
     Observation:
@@ -225,10 +225,9 @@ class SpaceDockEnv(gym.Env):
             config = self.config
             pose = None if config.station_pose is None else np.reshape(config.station_pose, (4, 4))
             self._renderer = make_renderer(config.camera, config.renderer, config.station_mesh, pose)
-        state = self._simulator.sim.state[0]
-        return self._renderer.render(
-            state[POSITION], state[QUATERNION], self._sun.at(float(self._simulator.sim.time[0]))
-        )
+        state, time_s = self._simulator.sim.state[0], float(self._simulator.sim.time[0])
+        noise = sensor_noise(self.config.camera, self._seed, time_s)
+        return self._renderer.render(state[POSITION], state[QUATERNION], self._sun.at(time_s), generator=noise)
 
     def _info(self, state: np.ndarray) -> dict[str, Any]:
         sim = self._simulator.sim

@@ -17,7 +17,7 @@ EXPERTS = ("meta_rl", "meta_rl_sampled", "meta_rl_forgetful", "mpc", "mpc_fixed"
 PAPER_HORIZON_STEPS = 65
 
 
-def make_expert(name: str, task: TaskConfig, *, checkpoint: str | Path | None = None) -> Policy:
+def make_expert(name: str, task: TaskConfig, *, checkpoint: str | Path | None = None, seed: int = 0) -> Policy:
     """The expert of that name, set up for a task.
 
     Args:
@@ -26,12 +26,13 @@ def make_expert(name: str, task: TaskConfig, *, checkpoint: str | Path | None = 
         task: gives port, attitude model and horizon. Where there is contact the classical laws with a deadline arrive
             with a closing speed in the middle of the allowed band; in the fixed-horizon task they stop at the port.
         checkpoint: of the learnt policy: file, folder, ``gentle``; the shipped one by default.
+        seed: of the noise of sampled actions.
     """
     where = {"port": get_port(task.port)}
     if name in ("meta_rl", "meta_rl_sampled", "meta_rl_forgetful"):
         from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
 
-        options = {"stochastic": name == "meta_rl_sampled", "forgetful": name == "meta_rl_forgetful"}
+        options = {"stochastic": name == "meta_rl_sampled", "forgetful": name == "meta_rl_forgetful", "seed": seed}
         return MetaRlPolicy.load(checkpoint, **where, **options)
     where["hill_coupling"] = task.hill_coupling
     if name in LAWS:

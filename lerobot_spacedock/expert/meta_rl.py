@@ -25,7 +25,7 @@ class MetaRlPolicy:
         device: of the network.
         stochastic: sample actions with the spread that the checkpoint holds, instead of flying the mean; the ceiling
             that training put on it (``set_std_ceiling``) is not in the checkpoint.
-        generator: for sampling; a fresh one, seeded with 0, where none is given.
+        seed: of the samples.
         forgetful: clears the memory before every step (the ablation that shows what the memory is worth).
     """
 
@@ -36,7 +36,7 @@ class MetaRlPolicy:
         port: Port = ZVEZDA_AFT,
         device: str | torch.device = "cpu",
         stochastic: bool = False,
-        generator: torch.Generator | None = None,
+        seed: int = 0,
         forgetful: bool = False,
     ) -> None:
         self.network = network.to(device).eval()
@@ -47,7 +47,7 @@ class MetaRlPolicy:
         self._scale = network.config.action_scale.to(self.device)
         self._limits = network.config.action_limits.to(self.device)
         self._stochastic, self._forgetful = stochastic, forgetful
-        self._generator = generator or torch.Generator(device=self.device).manual_seed(0)
+        self._generator = torch.Generator(device=self.device).manual_seed(seed)
         self._memory: Memory = None
         self._last = torch.zeros(0, ACTION_DIM, device=self.device)
 

@@ -16,16 +16,14 @@ import numpy as np
 import torch
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
-from lerobot_spacedock.dataset.demos import DemosConfig
-from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig
+from lerobot_spacedock.dataset.demos import DemosConfig, flight_blocks, fly_block
+from lerobot_spacedock.dataset.disturbance import KickConfig, NoiseConfig
 from lerobot_spacedock.dataset.episode import rows_of, succeeded
-from lerobot_spacedock.dataset.flight import fly
 from lerobot_spacedock.dataset.segments import Segment, pieces
 from lerobot_spacedock.dataset.selection import best, score
 from lerobot_spacedock.dataset.statistics import vector_statistics
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.expert.checkpoint import GENTLE, find_checkpoint
-from lerobot_spacedock.expert.controllers import make_expert
 from lerobot_spacedock.files import aside, remove_abandoned
 
 _KICKS = KickConfig(probability=0.12)
@@ -148,16 +146,8 @@ def demonstrations(config: DemosConfig, cache: Path | None = None) -> Frames:
 
 
 def _fly(config: DemosConfig) -> Frames:
-    seeds = config.seed + np.arange(config.candidates)
-    sets = np.arange(config.candidates) % len(config.starts)
-    logs = {}
-    for index, name in enumerate(config.starts):
-        env = config.env_config(name)
-        policy = make_expert(config.expert, env, checkpoint=config.checkpoint)
-        own = seeds[sets == index]
-        disturbance = Disturbance.draw(own, env.max_steps, config.kicks, config.noise)
-        logs |= {log.metadata["seed"]: log for log in fly(policy, env, own, disturbance)}
-    flown = [logs[int(seed)] for seed in seeds]
+    logs = {log.metadata["seed"]: log for block in flight_blocks(config) for log in fly_block(config, *block)}
+    flown = [logs[seed] for seed in sorted(logs)]
     kept = best(
         [score(log, config.select) for log in flown],
         [succeeded(log) for log in flown],

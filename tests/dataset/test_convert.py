@@ -122,6 +122,31 @@ def test_skip_bad_goes_on_and_lists_what_it_left_out(raw_export, tmp_path, name,
     assert "raw#1" in left_out[0][0]
 
 
+def test_what_cannot_be_read_while_choosing_is_listed_too(flights, log_folder, tmp_path, capsys):
+    source = shutil.copytree(log_folder, tmp_path / "logs")
+    victim = min(source.glob("*.parquet"))
+    victim.write_bytes(b"nothing")
+    root, readable = tmp_path / "d", len(flights) - 1
+    run(source, root, images="none", select="distance", num_episodes=len(flights), skip_bad=True)
+    assert "Left out 1:" in capsys.readouterr().out
+    facts = json.loads((root / "meta" / "spacedock.json").read_text())
+    assert facts["left_out"][0][0] == victim.name
+    assert (facts["selection"]["kept"], facts["selection"]["of"]) == (readable, readable)
+
+
+def test_a_renderer_that_there_is_not_is_said_at_once(log_folder, tmp_path):
+    with pytest.raises(InputError, match=r"software \| pyrender"):
+        run(log_folder, tmp_path / "d", renderer="foo", skip_bad=True)
+    assert not (tmp_path / "d.part" / "plan.json").exists()
+
+
+def test_stored_pictures_keep_the_sun_they_were_taken_under(log_folder, tmp_path):
+    run(log_folder, tmp_path / "sun", sun="random", storage=Storage("image"))
+    run(tmp_path / "sun", tmp_path / "cut", format="lerobot", num_episodes=1, storage=Storage("image"))
+    facts = json.loads((tmp_path / "cut" / "meta" / "spacedock.json").read_text())
+    assert (facts["pictures"], facts["env"]["sun"], facts["drawing"]["sun"]) == ("stored", "random", "random")
+
+
 def test_nothing_readable_is_an_error_even_with_skip_bad(raw_export, tmp_path):
     for file in (raw_export / "states").iterdir():
         file.write_text("nothing\n")

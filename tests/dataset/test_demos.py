@@ -12,15 +12,18 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from lerobot_spacedock.camera import CameraConfig
+from lerobot_spacedock.camera import CameraConfig, SensorConfig
 from lerobot_spacedock.dataset import schema
-from lerobot_spacedock.dataset.demos import DemosConfig, demos
+from lerobot_spacedock.dataset.demos import DemosConfig, demos, flight_blocks, fly_block
 from lerobot_spacedock.dataset.disturbance import KickConfig
 from lerobot_spacedock.dataset.integrity import check_dataset
+from lerobot_spacedock.dataset.pictures_check import FrameStore
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.dataset.record import Storage
+from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.episode_log import iterate_episode_logs, read_episode_log
 from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.expert.controllers import make_expert
 
 
 def config(root, **options) -> DemosConfig:
@@ -161,3 +164,40 @@ sys.exit(main(["demos", "--repo_id=test/demos", "--root={tmp_path}/d", "--expert
     assert not (tmp_path / "d").exists()
     assert demos(config(tmp_path / "d", num_episodes=2)) == 0
     assert np.isfinite(data_of(tmp_path / "d")["sim_time"]).all()
+
+
+def test_sampled_actions_differ_from_block_to_block(tmp_path, monkeypatch):
+    """Two blocks of one flight each from the same start and step lengths would be one flight twice."""
+    monkeypatch.setattr("lerobot_spacedock.dataset.demos.FLIGHT_BLOCK", 1)
+    flown = config(
+        tmp_path / "d", expert="meta_rl_sampled", num_episodes=1, num_candidates=2, initial_conditions="same"
+    )
+    logs = [log for block in flight_blocks(flown) for log in fly_block(flown, *block)]
+    policies = [make_expert("meta_rl_sampled", SpaceDockConfig(), seed=seed) for seed in (0, 1)]
+    observation = np.zeros((1, 13), dtype=np.float32)
+    observation[0, 6] = 1.0
+    for policy in policies:
+        policy.reset(1)
+    assert (policies[0].act(observation) != policies[1].act(observation)).any()
+    assert (logs[0].action[0] != logs[1].action[0]).any()
+    again = [log for block in flight_blocks(flown) for log in fly_block(flown, *block)]
+    for log, other in zip(logs, again, strict=True):
+        np.testing.assert_array_equal(log.action, other.action)
+
+
+def test_noisy_frames_are_those_that_the_environment_shows(tmp_path):
+    root, camera = tmp_path / "d", CameraConfig(height=32, width=48, sensor=SensorConfig(read_noise=0.05))
+    flown = {"num_episodes": 2, "num_candidates": 2, "image": True, "camera": camera, "select": "first", "seed": 40}
+    assert demos(config(root, log_dir=str(tmp_path / "logs"), storage=Storage(kind="image"), **flown)) == 0
+    env = gym.make("SpaceDockContact-v0", camera={"height": 32, "width": 48, "sensor": {"read_noise": 0.05}})
+    pictures = {}
+    for episode, (_, log) in enumerate(iterate_episode_logs(tmp_path / "logs")):
+        observation, _ = env.reset(seed=log.metadata["seed"])
+        for k in range(4):
+            stored = FrameStore(DatasetReader(root), schema.IMAGE).frame(episode, k)
+            np.testing.assert_array_equal(stored, observation["pixels"]["camera"])
+            pictures[episode, k] = stored.astype(int)
+            observation = env.step(log.action[k].astype(np.float32))[0]
+    assert np.abs(pictures[0, 0] - pictures[1, 0]).mean() > 1.0  # and each has noise of its own
+    first = env.reset(seed=40)[0]["pixels"]["camera"]
+    np.testing.assert_array_equal(first, env.reset(seed=40)[0]["pixels"]["camera"])

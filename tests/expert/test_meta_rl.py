@@ -106,7 +106,7 @@ def test_sampling_has_the_trained_spread_and_its_own_generator():
     observation[:, 6:10] = ZVEZDA_AFT.q_nominal
 
     def first_actions(seed):
-        policy = MetaRlPolicy(network, stochastic=True, generator=torch.Generator().manual_seed(seed))
+        policy = MetaRlPolicy(network, stochastic=True, seed=seed)
         policy.reset(len(observation))
         return policy.act(observation)
 

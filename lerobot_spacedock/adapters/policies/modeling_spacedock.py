@@ -111,6 +111,7 @@ class SpaceDockMetaRlPolicy(ExpertPolicy):
                 setattr(config, name, tuple(value) if isinstance(value, list) else value)
             config.checkpoint = None
             self._has_weights = True
+        self._batches = 0  # of episodes that were begun: each samples actions of its own
 
     def make_expert(self, device: torch.device) -> Policy:
         from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
@@ -121,11 +122,13 @@ class SpaceDockMetaRlPolicy(ExpertPolicy):
                 self.config.network_options,
                 "a trained network: --policy.path, --policy.checkpoint, or neither for the one that ships",
             )
+        self._batches += 1
         return MetaRlPolicy(
             self.network,
             port=get_port(self.config.port),
             device=device,
             stochastic=self.config.stochastic,
+            seed=self._batches - 1,
             forgetful=self.config.forgetful,
         )
 
