@@ -64,6 +64,18 @@ def output_dir() -> Path | None:
     return Path(value) if value and value != "null" else None
 
 
+def resumed_step() -> int:
+    """The training step that the running ``lerobot-train --resume=true`` goes on from; 0 where it begins."""
+    from lerobot.configs import parser
+    from lerobot.utils.constants import TRAINING_STATE_DIR, TRAINING_STEP
+
+    path = parser.parse_arg("config_path")
+    if path is None or str(command_option("resume")).lower() != "true":
+        return 0
+    record = Path(path).resolve().parents[1] / TRAINING_STATE_DIR / TRAINING_STEP
+    return int(read_object(record)["step"]) if record.is_file() else 0
+
+
 def num_episodes() -> int | None:
     """How many episodes an evaluation of the running LeRobot command counts; the rest of its last batch is surplus."""
     from lerobot.configs.default import EvalConfig

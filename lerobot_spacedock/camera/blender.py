@@ -43,7 +43,7 @@ def export_station(path: str | Path, mesh: StationMesh) -> Path:
             n = int(part.sum())
             surface = PBRMaterial(
                 name=m.name,
-                baseColorFactor=[*_srgb_bytes(m.base), 255],
+                baseColorFactor=[*_linear_bytes(m.base), 255],
                 metallicFactor=m.metal,
                 roughnessFactor=m.rough,
                 doubleSided=bool(mesh.two_sided[part].any()),
@@ -117,7 +117,7 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _srgb_bytes(linear) -> list[int]:
+def _linear_bytes(linear) -> list[int]:
     """trimesh keeps glTF's base colour as bytes; glTF itself is linear, so these are the linear values in bytes."""
     return [round(255 * min(max(c, 0.0), 1.0)) for c in linear]
 

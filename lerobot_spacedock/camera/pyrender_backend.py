@@ -134,8 +134,6 @@ def _import_pyrender():
         os.environ["PYOPENGL_PLATFORM"] = "egl" if ctypes.util.find_library("EGL") else "osmesa"
     if not ctypes.util.find_library("EGL") and not ctypes.util.find_library("OSMesa"):
         raise MissingDependencyError(f"the pyrender backend needs OpenGL libraries, and there are none. {_HELP}")
-    if not hasattr(np, "infty"):
-        np.inf = np.inf  # older pyrender releases use the name that NumPy 2 dropped
     # pyrender's viewer opens an X11 window library on import; nothing here needs it
     stub = types.ModuleType("pyrender.viewer")
     stub.Viewer = None

@@ -12,9 +12,8 @@ from lerobot_spacedock.dataset.findings import Problems, Report
 from lerobot_spacedock.dataset.reader import DatasetReader, Episode
 from lerobot_spacedock.dataset.residuals import TOLERANCES, best_coupling, residuals
 from lerobot_spacedock.dataset.segments import MIN_STEPS
-from lerobot_spacedock.physics.constants import THRUST_LIMIT_N, TORQUE_LIMIT_Nm
+from lerobot_spacedock.metrics.episode import limits_of
 from lerobot_spacedock.physics.frames import (
-    ACTION_DIM,
     MASS,
     POSITION,
     QUATERNION,
@@ -58,7 +57,7 @@ def check_episode(reader: DatasetReader, episode: Episode, position: int, report
             report.checks["finite"] += 1
             if not problems.all_rows(np.isfinite(values).all(axis=1), f"{name} is not finite"):
                 return
-    _check_ranges(rows, problems)
+    _check_ranges(rows, problems, limits_of({"config": reader.facts.get("env")}))
     _check_times(rows, problems)
     if schema.DONE in rows:
         problems.all_rows(
@@ -70,7 +69,7 @@ def check_episode(reader: DatasetReader, episode: Episode, position: int, report
     _check_dynamics(reader, episode, problems)
 
 
-def _check_ranges(rows: dict[str, np.ndarray], problems: Problems) -> None:
+def _check_ranges(rows: dict[str, np.ndarray], problems: Problems, limits: np.ndarray) -> None:
     values = rows.get(schema.TRUE_STATE, rows[schema.STATE])
     state = dict(zip(schema.observed_names(values.shape[1]), values.T.astype(np.float64), strict=True))
     problems.report.checks["ranges"] += 1
@@ -89,11 +88,12 @@ def _check_ranges(rows: dict[str, np.ndarray], problems: Problems) -> None:
         mass = state["mass"]
         problems.all_rows(mass > 0.0, "the mass is not positive")
         problems.all_rows(np.diff(mass, prepend=mass[0]) <= 0.0, "the mass grows")
-    limits = 1.001 * np.repeat([THRUST_LIMIT_N, TORQUE_LIMIT_Nm], ACTION_DIM // 2)
     for name in (schema.ACTION, schema.EXECUTED_ACTION):
         if name in rows:
             problems.all_rows(
-                (np.abs(rows[name]) <= limits).all(axis=1), f"{name} is beyond the chaser's limits", warning=True
+                (np.abs(rows[name]) <= 1.001 * limits).all(axis=1),
+                f"{name} is beyond the chaser's limits",
+                warning=True,
             )
 
 

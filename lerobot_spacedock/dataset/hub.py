@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import glob
 import json
 import shutil
 import warnings
@@ -12,6 +13,7 @@ from typing import Any
 
 from lerobot_spacedock.errors import InputError, SpaceDockError
 
+DATASET_FOLDERS = ("data", "meta", "videos", "images")  # all that a dataset is made of, beside its card
 LOG_IN = "Log in with `hf auth login`, or set HF_TOKEN."
 
 
@@ -73,6 +75,9 @@ def upload_folder(
 ) -> str:
     """Uploads a folder: as one commit, or, where ``large``, in several with a record of what is done.
 
+    Of a dataset, what an earlier push left in ``DATASET_FOLDERS`` and this folder does not hold is removed: LeRobot
+    reads whatever files lie there, so what is left of a larger version would join this one.
+
     Returns:
         Where it is.
     """
@@ -82,9 +87,20 @@ def upload_folder(
         with warnings.catch_warnings():  # newer libraries call it deprecated; the oldest that we allow has nothing else
             warnings.simplefilter("ignore", FutureWarning)
             api.upload_large_folder(**shared, revision=branch, print_report=False)
+        if repo_type == "dataset":
+            _delete_left_over(api, folder, repo_id=repo_id, branch=branch)
         return f"{api.endpoint}/{'' if repo_type == 'model' else repo_type + 's/'}{repo_id}"
-    done = api.upload_folder(**shared, revision=branch, commit_message=message)
+    stale = [f"{name}/*" for name in DATASET_FOLDERS] if repo_type == "dataset" else None
+    done = api.upload_folder(**shared, revision=branch, commit_message=message, delete_patterns=stale)
     return done.repo_url.url
+
+
+def _delete_left_over(api: Any, folder: Path, *, repo_id: str, branch: str | None) -> None:
+    there = api.list_repo_files(repo_id, repo_type="dataset", revision=branch)
+    stale = [p for p in there if p.partition("/")[0] in DATASET_FOLDERS and not (folder / p).is_file()]
+    if stale:
+        options = {"repo_type": "dataset", "revision": branch, "commit_message": "Remove files of an earlier version"}
+        api.delete_files(repo_id, [glob.escape(path) for path in stale], **options)
 
 
 def _forget_other_places(api: Any, folder: Path, *, repo_id: str, repo_type: str, branch: str | None) -> None:

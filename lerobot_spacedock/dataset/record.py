@@ -11,7 +11,7 @@ import contextlib
 import gc
 import shutil
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -67,9 +67,6 @@ class DatasetLayout:
             withhold_pose=self.withhold_pose,
             image=self.image,
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> DatasetLayout:

@@ -57,7 +57,6 @@ class Column:
         names: one a component.
         units: one a component; "1" is dimensionless.
         meaning: one sentence.
-        required: False for columns that datasets of other origin may lack.
     """
 
     dtype: str
@@ -65,7 +64,6 @@ class Column:
     names: tuple[str, ...]
     units: tuple[str, ...]
     meaning: str
-    required: bool = True
 
     def as_feature(self) -> dict[str, Any]:
         return {"dtype": self.dtype, "shape": self.shape, "names": list(self.names)}
@@ -137,7 +135,6 @@ def columns(
             STATE_NAMES,
             STATE_UNITS,
             "The simulator's state without sensor noise, mass included. Never a policy input.",
-            required=False,
         ),
         EXECUTED_ACTION: Column(
             "float32",
@@ -145,7 +142,6 @@ def columns(
             ACTION_NAMES,
             ACTION_UNITS,
             "The command that flew, after injected disturbances and clipping. Never a policy target.",
-            required=False,
         ),
     }
 

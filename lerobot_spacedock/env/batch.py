@@ -116,13 +116,6 @@ class BatchedSpaceDock:
         kernels.reset_rows(self._all_rows, self.sim, self.task)
         return self.observe()
 
-    def reset_to_next(self, rows: np.ndarray | None = None) -> np.ndarray:
-        """Starts the next episode of the chain in each of ``rows`` (all by default). Returns the observation."""
-        rows = self._all_rows if rows is None else np.asarray(rows, dtype=np.int64)
-        kernels.next_keys(rows, self.sim)
-        kernels.reset_rows(rows, self.sim, self.task)
-        return self.observe()
-
     def place(self, state: np.ndarray, time_grid_s: np.ndarray | None = None) -> np.ndarray:
         """Puts every row into a given state and, if a grid is given, onto its step lengths. Returns the observation.
 

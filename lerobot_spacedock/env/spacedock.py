@@ -197,12 +197,6 @@ class SpaceDockEnv(gym.Env):
             self._renderer.close()
             self._renderer = None
 
-    # --- for adapters ---------------------------------------------------------------------------------------------
-
-    def set_log_dir(self, log_dir: str | Path | None) -> None:
-        """Writes the logs of the episodes that end from now on into another folder, or none."""
-        self._log_dir = None if log_dir is None else Path(log_dir)
-
     # --- parts ----------------------------------------------------------------------------------------------------
 
     def _true_state(self) -> np.ndarray:

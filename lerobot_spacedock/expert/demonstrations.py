@@ -12,6 +12,7 @@ from lerobot_spacedock.columns import iterate_columns
 from lerobot_spacedock.episode_log import MAX_STATES
 from lerobot_spacedock.errors import FileFormatError, InputError, reading
 from lerobot_spacedock.files import read_object
+from lerobot_spacedock.physics.contact import ZVEZDA_AFT, Port, get_port
 from lerobot_spacedock.physics.frames import ACTION_DIM, MASS, OBSERVATION_INDICES, STATE_DIM
 
 _INDICES = ("episode_index", "frame_index")
@@ -36,6 +37,17 @@ def find_dataset(name: str) -> Path:
         f"meta/info.json), or the repo id of one under {home}",
         "Make a dataset with: spacedock demos",
     )
+
+
+def port_of_dataset(folder: Path) -> Port:
+    """Where its episodes dock, by ``meta/spacedock.json``; Zvezda's aft port where that does not say.
+
+    Raises:
+        FileFormatError, InputError: the file is damaged, or names another port.
+    """
+    facts = folder / "meta" / "spacedock.json"
+    env = read_object(facts).get("env") if facts.is_file() else None
+    return get_port(env["port"]) if isinstance(env, dict) and "port" in env else ZVEZDA_AFT
 
 
 def load_demonstrations(folder: Path) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import numpy as np
 import torch
 from rsl_rl.algorithms import PPO
 from torch import Tensor
 from tqdm import tqdm
 
-from lerobot_spacedock.expert.demonstrations import find_dataset, load_demonstrations
+from lerobot_spacedock.expert.demonstrations import find_dataset, load_demonstrations, port_of_dataset
 from lerobot_spacedock.expert.features import actor_features
+from lerobot_spacedock.expert.policy import action_signs, observation_signs
 from lerobot_spacedock.expert.train_config import TrainExpertConfig
 from lerobot_spacedock.physics.contact import ZVEZDA_AFT
 
@@ -62,15 +64,20 @@ def _run(actor: torch.nn.Module, features: Tensor) -> Tensor:
 
 
 def _sequences(config: TrainExpertConfig, device: str) -> tuple[Tensor, Tensor, Tensor]:
-    """Features (T, N, F), targets (T, N, 6) in units of output, and which of them are frames (T, N)."""
-    episodes = load_demonstrations(find_dataset(config.init_from))
+    """Features (T, N, F), targets (T, N, 6) in units of output, and which of them are frames (T, N).
+
+    Demonstrations at another port are seen as at Zvezda's, where the network flies (``policy.py``).
+    """
+    folder = find_dataset(config.init_from)
+    port = port_of_dataset(folder)
+    turned, turned_back = observation_signs(port).astype(np.float32), action_signs(port).astype(np.float32)
     scale = torch.tensor([config.actor.thrust_scale_N] * 3 + [config.actor.torque_scale_Nm] * 3)
     nominal = torch.tensor(ZVEZDA_AFT.q_nominal, dtype=torch.float32)
     features, targets = [], []
-    for observation, command in episodes:
-        target = torch.from_numpy(command) / scale
+    for observation, command in load_demonstrations(folder):
+        target = torch.from_numpy(command * turned_back) / scale
         last = torch.cat([torch.zeros(1, target.shape[1]), target[:-1]])
-        features.append(actor_features(torch.from_numpy(observation), last, nominal))
+        features.append(actor_features(torch.from_numpy(observation * turned), last, nominal))
         targets.append(target)
     lengths = torch.tensor([len(target) for target in targets])
     pad = torch.nn.utils.rnn.pad_sequence

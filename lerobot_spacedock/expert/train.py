@@ -84,14 +84,16 @@ def _train(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) ->
         "evaluate_s": 0.0, "imitation_s": 0.0, "demonstration_frames": 0, "smoothness_price": 1.0,
         "curve": [],
     }  # fmt: skip
+    after = 0 if config.resume else None
     if config.resume and checkpoints(output / "checkpoints"):
         progress |= load_checkpoint(output / "checkpoints", algorithm, resolved)
+        after = progress["interactions"] + 1  # the points of a run that was killed later; the checkpoint's own stays
     elif starts_from_checkpoint(config):
         load_networks(Path(config.init_from), algorithm)
     elif config.init_from is not None:
         progress |= imitate(config, algorithm)
 
-    writer = SummaryWriter(str(output / "tensorboard"), purge_step=progress["interactions"] if config.resume else None)
+    writer = SummaryWriter(str(output / "tensorboard"), purge_step=after)
     stop_at = config.iterations
     if config.stop_after:
         stop_at = min(stop_at, config.stop_after)
@@ -108,11 +110,11 @@ def _train(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) ->
             _iterate(config, algorithm, tasks, progress, writer)
             bar.update(per_iteration)
             clock.read()
-            last = progress["iteration"] == stop_at
-            if last or progress["iteration"] % config.evaluate_every == 0:
+            # not at --stop_after, which an uninterrupted training would pass by: it changes the price of smoothness
+            if progress["iteration"] == config.iterations or progress["iteration"] % config.evaluate_every == 0:
                 _evaluate(config, algorithm, progress, writer, bar)
                 clock.read()
-            if last or progress["iteration"] % config.checkpoint_every == 0:
+            if progress["iteration"] == stop_at or progress["iteration"] % config.checkpoint_every == 0:
                 save_checkpoint(output / "checkpoints", config, algorithm, progress, resolved)
     _finish(config, algorithm, progress, output, resolved)
 
@@ -142,8 +144,11 @@ def _prepare(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) 
     if config.resume and not begun:
         raise InputError("resume", str(output), "the output_dir of a training", "Start without --resume=true.")
     known = re.fullmatch(r"cpu|cuda(:\d+)?", config.device)
-    if not known or (config.device != "cpu" and not torch.cuda.is_available()):
-        raise InputError("device", config.device, "cpu, or cuda where torch sees a GPU")
+    gpu = int((known[1] or ":0")[1:]) if known else 0
+    if not known or (config.device != "cpu" and gpu >= torch.cuda.device_count()):
+        raise InputError("--device", config.device, "cpu, or cuda or cuda:N of a GPU that torch sees")
+    if output.exists() and not output.is_dir():
+        raise InputError("--output_dir", str(output), "a folder, there or not")
     if config.init_from is not None and not starts_from_checkpoint(config):
         find_dataset(config.init_from)
     output.mkdir(parents=True, exist_ok=True)
@@ -276,7 +281,7 @@ def _finish(config, algorithm, progress, output: Path, resolved: dict[str, Any])
     )
     print(f"wrote {output / 'policy.safetensors'}, {output / 'training.json'}, {output / 'tensorboard'}")
     if progress["iteration"] < config.iterations:
-        print(f"go on with: spacedock train-expert --output_dir={output} --resume=true … (the same options)")
+        print(f"go on with: spacedock train-expert --output_dir={output} --resume=true … (not with --stop_after)")
     else:
         print(f"next: python -m lerobot_spacedock.expert.evaluate --checkpoint={output / 'policy.safetensors'}")
         print("      spacedock demos --help")

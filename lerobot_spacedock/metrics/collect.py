@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from itertools import batched
 from multiprocessing import get_context
@@ -92,6 +93,7 @@ class _Part:
     traces: dict[str, list[Trace]] = field(default_factory=dict)
     visits: dict[str, dict[str, CellCounts]] = field(default_factory=dict)
     exclusions: list[Exclusion] = field(default_factory=list)
+    tasks: dict[str, str] = field(default_factory=dict)  # gymnasium id → a file that was flown under it
 
 
 def collect(
@@ -106,6 +108,9 @@ def collect(
 
     Returns:
         Episodes by set of initial conditions (``unspecified`` where a log does not say), and what was left out.
+
+    Raises:
+        InputError: episodes of several tasks, whose numbers cannot be put together.
     """
     jobs = [(i, batch) for i, files in enumerate(folders) for batch in batched(files, BATCH)]
     total = sum(len(files) for files in folders)
@@ -115,11 +120,18 @@ def collect(
     joined = _Part()
     if workers > 1:
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            for part in pool.map(_read_batch, jobs):
-                _join(joined, part, progress)
+            try:
+                for part in pool.map(_read_batch, jobs):
+                    _join(joined, part, progress)
+            except BrokenProcessPool as error:
+                message = "A process that read logs was ended from outside (killed, or out of memory): run it again."
+                raise SpaceDockError(message) from error
     else:
         for job in jobs:
             _join(joined, _read_batch(job), progress)
+    if len(joined.tasks) > 1:
+        given = ", ".join(f"{task} ({path})" for task, path in sorted(joined.tasks.items()))
+        raise InputError("a run's episodes", given, "one task a run", "Name the folder of each task apart.")
     return {name: _assemble(joined, name) for name in joined.rows}, joined.exclusions
 
 
@@ -171,6 +183,8 @@ def _read_batch(job: tuple[int, Sequence[Path]]) -> _Part:
         if log.metadata.get("surplus"):
             part.exclusions.append(Exclusion(str(path), SURPLUS))
             continue
+        if isinstance(task := log.metadata.get("env_id"), str):
+            part.tasks.setdefault(task, str(path))
         name = initial_conditions(log)
         numbers = [np.nan if metrics[key] is None else float(metrics[key]) for key in COLUMN_NAMES]
         row = (folder, path.name, numbers, log.state[0, OBSERVATION_INDICES], closing_profile(log))
@@ -189,6 +203,7 @@ def _read_batch(job: tuple[int, Sequence[Path]]) -> _Part:
 
 
 def _join(joined: _Part, part: _Part, progress: object) -> None:
+    joined.tasks = part.tasks | joined.tasks
     count = len(part.exclusions)
     for name, rows in part.rows.items():
         count += len(rows)

@@ -10,13 +10,16 @@ from lerobot_spacedock.metrics.smoothness import COMMAND_LIMITS
 LIMIT_TOLERANCE = 1e-6  # of the limit: a command this near counts as saturated (float32 commands)
 
 
-def effort(action: np.ndarray, dt: np.ndarray, mass: np.ndarray) -> dict[str, float | None]:
+def effort(
+    action: np.ndarray, dt: np.ndarray, mass: np.ndarray, limits: np.ndarray = COMMAND_LIMITS
+) -> dict[str, float | None]:
     """All effort numbers of one episode; an episode without a step cost nothing.
 
     Args:
         action: N and N·m, (K, 6).
         dt: s, (K,).
         mass: kg, (K+1,), as logged.
+        limits: N and N·m, (6,), of the chaser.
 
     Returns:
         ``delta_v_m_s`` takes the mean mass of each step (the relative error is a twelfth of the square of the burnt
@@ -26,7 +29,7 @@ def effort(action: np.ndarray, dt: np.ndarray, mass: np.ndarray) -> dict[str, fl
     thrust, torque = lengths(action[:, :3]), lengths(action[:, 3:])
     impulse = float(np.sum(thrust * dt))
     tracked = impulse == 0.0 or mass[0] != mass[-1]
-    saturated = np.abs(action) >= COMMAND_LIMITS * (1.0 - LIMIT_TOLERANCE)
+    saturated = np.abs(action) >= limits * (1.0 - LIMIT_TOLERANCE)
     return {
         "delta_v_m_s": float(np.sum(thrust * dt / (0.5 * (mass[1:] + mass[:-1])))) if (mass > 0.0).all() else None,
         "propellant_kg": float(mass[0] - mass[-1]) if tracked else None,

@@ -13,6 +13,7 @@ from lerobot_spacedock.metrics.crossing import closest_approach, plane_crossing
 from lerobot_spacedock.metrics.effort import effort
 from lerobot_spacedock.metrics.smoothness import smoothness
 from lerobot_spacedock.physics import rotations
+from lerobot_spacedock.physics.constants import THRUST_LIMIT_N, TORQUE_LIMIT_Nm
 from lerobot_spacedock.physics.contact import ZVEZDA_AFT, Port, contact_report, contact_state, get_port
 from lerobot_spacedock.physics.frames import (
     DEG_TO_RAD,
@@ -73,6 +74,14 @@ def corridor_of(metadata: Mapping[str, Any]) -> tuple[float, float]:
     corridor = corridor if isinstance(corridor, Mapping) else {}
     angle = float(corridor.get("half_angle_deg", CORRIDOR_HALF_ANGLE_deg)) * DEG_TO_RAD
     return angle, float(corridor.get("mouth_radius_m", CORRIDOR_MOUTH_m))
+
+
+def limits_of(metadata: Mapping[str, Any]) -> np.ndarray:
+    """The chaser's largest thrust and torque along each axis, N and N·m, (6,); by default the paper's."""
+    config = metadata.get("config")
+    config = config if isinstance(config, Mapping) else {}
+    given = [config.get("thrust_limit_N", THRUST_LIMIT_N), config.get("torque_limit_Nm", TORQUE_LIMIT_Nm)]
+    return np.repeat(np.array(given, dtype=np.float64), 3)
 
 
 def corridor_margin(position: np.ndarray, port: Port, half_angle_rad: float, mouth_m: float) -> np.ndarray:
@@ -142,7 +151,7 @@ def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
     at_plane = abs(float(contact.get("axial_m", np.inf))) <= AT_PLANE_TOLERANCE_M
     crossed = crossing is not None or (at_plane and isinstance(log.metadata.get("contact"), Mapping))
     outside = corridor_margin(position, port, *corridor_of(log.metadata)) < 0.0
-    idss = bool(contact["idss"])
+    idss, limits = bool(contact["idss"]), limits_of(log.metadata)
     stated_success = log.metadata.get("success")
     clipped = log.metadata.get("clipped_actions")
     row: dict[str, float | bool | None] = {
@@ -163,8 +172,8 @@ def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
         "corridor_violated": bool(outside.any()),
         "corridor_share": float(outside.mean()),
         "fly_through": crossed and not idss,
-        **smoothness(log.action, log.dt),
-        **effort(log.action, log.dt, state[:, MASS]),
+        **smoothness(log.action, log.dt, limits),
+        **effort(log.action, log.dt, state[:, MASS], limits),
         "clipped_actions": float(clipped) if isinstance(clipped, int | float) else None,
         "reward_sum": float(log.reward.sum()),
         **inference(log),

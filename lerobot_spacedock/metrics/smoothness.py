@@ -10,19 +10,20 @@ from lerobot_spacedock.physics.constants import THRUST_LIMIT_N, TORQUE_LIMIT_Nm
 COMMAND_LIMITS = np.array([THRUST_LIMIT_N] * 3 + [TORQUE_LIMIT_Nm] * 3)
 
 
-def smoothness(action: np.ndarray, dt: np.ndarray) -> dict[str, float | None]:
+def smoothness(action: np.ndarray, dt: np.ndarray, limits: np.ndarray = COMMAND_LIMITS) -> dict[str, float | None]:
     """All smoothness numbers of one episode.
 
     Args:
         action: N and N·m, (K, 6).
         dt: s, (K,).
+        limits: N and N·m, (6,), of the chaser.
 
     Returns:
         ``smoothness`` as in the paper (the norm mixes N and N·m), thrust and torque apart, the six commands as
         shares of their limits, and each per second.
     """
     change = np.diff(action, axis=0)
-    thrust, torque, share = (lengths(part) for part in (change[:, :3], change[:, 3:], change / COMMAND_LIMITS))
+    thrust, torque, share = (lengths(part) for part in (change[:, :3], change[:, 3:], change / limits))
     seconds = float(dt[:-1].sum())
     return {
         "smoothness": _mean(lengths(change)),

@@ -19,8 +19,6 @@ from lerobot_spacedock.physics import rotations
 from lerobot_spacedock.physics.constants import MEAN_MOTION_rad_s
 from lerobot_spacedock.physics.frames import DEG_TO_RAD, POSITION, QUATERNION, RATE, VELOCITY
 
-HALF_TURN_ABOUT_X = np.array([0.0, 1.0, 0.0, 0.0])
-
 
 @dataclass(frozen=True)
 class Port:
@@ -40,10 +38,6 @@ class Port:
     capture_radius_m: float
     station_radius_m: float
 
-    def to_hill(self, vectors: np.ndarray) -> np.ndarray:
-        """From the -V-bar approach's axes (in which starts are given) to Hill axes. (..., 3) → (..., 3)."""
-        return np.asarray(vectors) * self.mirror
-
     @property
     def mirror(self) -> np.ndarray:
         """(3,) signs of the half turn about the radial axis that carries a -V-bar approach to this port's."""
@@ -53,7 +47,7 @@ class Port:
 _HALF_SQRT = np.sqrt(0.5)
 # 0.6 m: IDSS ring and drogue cone alike; modules of 4.2 m (Zvezda) and 4.4 m (Harmony) across, plus half a chaser
 ZVEZDA_AFT = Port("zvezda_aft", -1.0, (_HALF_SQRT, -_HALF_SQRT, 0.0, 0.0), 0.6, 2.1 + 1.0)
-# HALF_TURN_ABOUT_X ⊗ q_nominal of Zvezda: looks along -y_H, zenith up
+# half a turn about body x, then q_nominal of Zvezda: looks along -y_H, zenith up
 HARMONY_FORWARD = Port("harmony_forward", 1.0, (_HALF_SQRT, _HALF_SQRT, 0.0, 0.0), 0.6, 2.2 + 1.0)
 PORTS = {port.name: port for port in (ZVEZDA_AFT, HARMONY_FORWARD)}
 

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 
-IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
-
 
 def multiply(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Hamilton product ``p ⊗ q``: ``multiply(q_AB, q_BC) = q_AC``. (..., 4), (..., 4) → (..., 4)."""
@@ -50,12 +48,6 @@ def rotate_inverse(q_AB: np.ndarray, v_A: np.ndarray) -> np.ndarray:
     return rotate(conjugate(q_AB), v_A)
 
 
-def to_matrix(q_AB: np.ndarray) -> np.ndarray:
-    """Direction cosine matrix ``dcm_AB`` with ``v_A = dcm_AB @ v_B``. (..., 4) → (..., 3, 3)."""
-    q_AB = np.asarray(q_AB, dtype=np.float64)[..., None, :]
-    return np.swapaxes(rotate(q_AB, np.eye(3)), -1, -2)
-
-
 def from_rotation_vector(rotation_rad: np.ndarray) -> np.ndarray:
     """Quaternion of a rotation vector (axis times angle, rad). (..., 3) → (..., 4)."""
     rotation_rad = np.asarray(rotation_rad, dtype=np.float64)
@@ -70,11 +62,3 @@ def to_rotation_vector(q: np.ndarray) -> np.ndarray:
     sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     half = np.arctan2(sine, q[..., :1])
     return 2.0 * q[..., 1:] / np.where(sine > 0.0, np.sinc(half / np.pi), 1.0)
-
-
-def from_euler_xyz(angles_rad: np.ndarray) -> np.ndarray:
-    """Intrinsic x-y-z rotations (roll about body x first), rad. (..., 3) → (..., 4)."""
-    angles_rad = np.asarray(angles_rad, dtype=np.float64)
-    axes = np.eye(3)
-    about_x, about_y, about_z = (from_rotation_vector(angles_rad[..., i, None] * axes[i]) for i in range(3))
-    return multiply(multiply(about_x, about_y), about_z)

@@ -151,6 +151,8 @@ def _write_picture(cfg: ViewConfig, log: EpisodeLog, artist: StatedArtist, capti
     from PIL import Image
 
     seconds = float(log.time[-1]) if cfg.at is None else cfg.at
+    if not log.time[0] <= seconds <= log.time[-1]:
+        raise InputError("--at", seconds, f"{log.time[0]:g} to {log.time[-1]:.2f} s, from the first state to the last")
     moment = dense(log, np.array([seconds]))
     (frame,) = artist.draw(moment, 0, 1)
     state = state_from_dataset_units(moment.state)[0]

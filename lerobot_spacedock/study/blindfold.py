@@ -72,6 +72,8 @@ def fly(
     task: str = "SpaceDockContact-v0",
 ) -> list[dict[str, Any]]:
     """Flies a stock ACT checkpoint on seeds from 1000, as ``lerobot-eval`` does; rows as of ``summarize_folder``."""
+    if episodes % min(batch_size, episodes):  # outside LeRobot's commands nothing marks what only fills a batch
+        raise InputError("--episodes", episodes, f"up to {batch_size}, or a multiple of it")
     policy, before, after = load_policy(checkpoint)
     policy.config.temporal_ensemble_coeff, policy.config.n_action_steps = coefficient, 1
     policy.temporal_ensembler = ACTTemporalEnsembler(coefficient, policy.config.chunk_size)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lerobot_spacedock.errors import SpaceDockError
+from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.metrics.collect import collect
 from lerobot_spacedock.report.runs import log_files
 from lerobot_spacedock.study.trial import summary
@@ -65,6 +65,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         rows = []
         for run in arguments.runs:
             name, _, folder = run.partition("=")
+            if not (name and folder):
+                raise InputError("--runs", run, "NAME=FOLDER")
             rows += summarize_folder(name, Path(folder))
     except SpaceDockError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +26,14 @@ try:
     import optuna
     from optuna.storages import BaseStorage, JournalStorage, RDBStorage
     from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
-    from optuna.trial import TrialState
+    from optuna.trial import FrozenTrial, TrialState
+    from sqlalchemy.exc import SQLAlchemyError
 except ImportError as error:
     message = "spacedock sweep needs Optuna: pip install 'lerobot_env_spacedock[study]'."
     raise MissingDependencyError(message) from error
 
 POINT, OWNER, RESULT = "point", "owner", "result"  # what each trial carries
+SIGNS_WITHIN = timedelta(minutes=1)
 LOCK_GIVEN_UP_AFTER_s = 10  # held for milliseconds; whoever holds it for so long was killed
 DIRECTIONS = ("maximize", "minimize")  # share of episodes in the IDSS box, smoothness
 
@@ -53,6 +56,11 @@ def _sweep(config: SweepConfig) -> int:
     path = write_results(study, config)
     finished = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
     print(f"Wrote {len(finished)} trials to {path}")
+    for trial in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+        host, pid, *_ = trial.user_attrs.get(OWNER, ("?", "?"))
+        print(
+            f"Trial {trial.number} still runs, on {host} in process {pid}; if that is no more, the same command again"
+        )
     print(f"Next: spacedock sweep-figure --results={path}" if finished else "Next: the same command again")
     return 0
 
@@ -84,7 +92,11 @@ def open_study(config: SweepConfig) -> optuna.Study:
 def _storage(config: SweepConfig) -> BaseStorage:
     given = config.storage or str(Path(config.output_dir) / f"{config.name}.journal")
     if "://" in given:
-        return RDBStorage(given)
+        try:
+            return RDBStorage(given)
+        except (SQLAlchemyError, ImportError) as error:
+            said = str(error).splitlines()[0]
+            raise InputError("--storage", given, "a database that can be reached, or a journal's file", said) from error
     # whole path: Optuna never gives up the lock of a killed process where the journal's is relative
     path = Path(given).resolve()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -107,7 +119,7 @@ def _cut_half_line(journal: Path) -> None:
 
 def requeue_abandoned(study: optuna.Study) -> int:
     """Puts the trials of processes of this machine that are no more back into the queue; returns how many."""
-    abandoned = [trial for trial in study.get_trials(states=(TrialState.RUNNING,)) if not _alive(trial.user_attrs)]
+    abandoned = [trial for trial in study.get_trials(states=(TrialState.RUNNING,)) if not _alive(trial)]
     for trial in abandoned:
         study.tell(trial.number, state=TrialState.FAIL)
     for trial in abandoned:
@@ -120,10 +132,22 @@ def _enqueue(study: optuna.Study, point: dict[str, Any], *, again: bool = False)
     study.enqueue_trial(point, user_attrs={POINT: point}, skip_if_exists=not again)
 
 
-def _alive(attributes: dict[str, Any]) -> bool:
+def _alive(trial: FrozenTrial) -> bool:
     """Whether a trial's process still runs; on another machine it is taken to."""
-    host, pid = attributes.get(OWNER, (None, None))
-    return host != socket.gethostname() or Path(f"/proc/{pid}").exists()
+    if OWNER not in trial.user_attrs:  # taken a moment ago, or by a process that was killed before it could sign
+        return trial.datetime_start is None or datetime.now() - trial.datetime_start < SIGNS_WITHIN
+    host, pid, *began = trial.user_attrs[OWNER]
+    return host != socket.gethostname() or (_began(pid) is not None and began in ([], [_began(pid)]))
+
+
+def _began(pid: int) -> str | None:
+    """When a process of this machine began, told apart over reboots; None if there is none of that number."""
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        # the 22nd field; the second, the program's name in brackets, may hold spaces
+        return f"{boot} {Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[19]}"
+    except OSError:
+        return None
 
 
 def _work(study: optuna.Study, config: SweepConfig) -> None:
@@ -138,7 +162,7 @@ def _work(study: optuna.Study, config: SweepConfig) -> None:
             if not waiting and (config.sampler == "grid" or taken >= config.num_trials):
                 return
             trial = study.ask()
-            trial.set_user_attr(OWNER, (socket.gethostname(), os.getpid()))
+            trial.set_user_attr(OWNER, (socket.gethostname(), os.getpid(), _began(os.getpid())))
             if config.sampler == "grid" and POINT not in trial.user_attrs:
                 study.tell(trial, state=TrialState.FAIL)  # another process took the last one first
                 continue

@@ -81,7 +81,7 @@ def test_what_the_user_states_goes_before_what_the_evaluation_wrote(command, tmp
 
 
 def test_an_evaluation_in_training_becomes_scalars_at_its_step(command, tmp_path, monkeypatch):
-    folder = tmp_path / "evaluation_0003"
+    folder = tmp_path / "evaluation_0007"  # others lie beside it
     env = SpaceDockEnv(obs_type="agent_pos", max_steps=2, log_dir=str(folder))
     env.reset(seed=1)
     env.step([0.0] * 6)
@@ -89,7 +89,13 @@ def test_an_evaluation_in_training_becomes_scalars_at_its_step(command, tmp_path
     logged = []
     wandb = SimpleNamespace(run=object(), log=lambda data, commit: logged.append((data, commit)))
     monkeypatch.setitem(sys.modules, "wandb", wandb)
-    command("lerobot-train", "--env_eval_freq=500")
+    state = tmp_path / "checkpoints" / "001200" / "training_state" / "training_step.json"
+    state.parent.mkdir(parents=True)
+    state.write_text('{"step": 1200}')
+    config = state.parents[1] / "pretrained_model" / "train_config.json"
+    config.parent.mkdir()
+    config.write_text("{}")
+    command("lerobot-train", "--env_eval_freq=500", "--resume=true", f"--config_path={config}")
     log_training_scalars(folder)
     events = EventAccumulator(str(tmp_path / "tensorboard"))
     events.Reload()

@@ -73,6 +73,18 @@ def test_pushing_again_sends_no_file_twice_and_moves_the_tag(hub, dataset):
     assert b"again" in repository.files("v3.0")["README.md"]
 
 
+@pytest.mark.parametrize("large", ["never", "always"])
+def test_files_of_a_larger_version_do_not_stay_behind(hub, dataset, large):
+    send(dataset)
+    repository = hub.repositories[("dataset", REPO)]
+    late = {"data/chunk-000/file-007.parquet": b"", "videos/a/chunk-000/file-007.mp4": b"", "notes/mine.md": b"kept"}
+    repository.commit("main", repository.files() | late)
+    send(dataset, large=large)
+    left = set(repository.files("v3.0"))
+    assert not left & {"data/chunk-000/file-007.parquet", "videos/a/chunk-000/file-007.mp4"}
+    assert left >= {"notes/mine.md", "data/chunk-000/file-000.parquet"}
+
+
 def test_a_branch_leaves_main_alone(hub, dataset):
     send(dataset, branch="wip")
     repository = hub.repositories[("dataset", REPO)]

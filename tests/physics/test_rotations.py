@@ -25,7 +25,7 @@ def test_rotations_form_a_group_that_keeps_lengths(a, b, v):
     )
     assert np.allclose(rotations.rotate_inverse(p, rotations.rotate(p, v)), v, atol=1e-13)
     assert np.isclose(np.linalg.norm(rotations.rotate(p, v)), np.linalg.norm(v), atol=1e-13)
-    assert np.allclose(rotations.multiply(p, rotations.conjugate(p)), rotations.IDENTITY, atol=1e-14)
+    assert np.allclose(rotations.multiply(p, rotations.conjugate(p)), [1.0, 0.0, 0.0, 0.0], atol=1e-14)
 
 
 @settings(max_examples=300, deadline=None)
@@ -34,10 +34,6 @@ def test_values_are_those_of_scipy(a, v):
     q = rotations.from_rotation_vector(a)
     reference = Rotation.from_rotvec(a)
     assert np.allclose(rotations.rotate(q, v), reference.apply(v), atol=1e-13)
-    assert np.allclose(rotations.to_matrix(q), reference.as_matrix(), atol=1e-13)
-    angles = a / 3.0
-    euler = rotations.from_euler_xyz(angles)
-    assert np.allclose(rotations.to_matrix(euler), Rotation.from_euler("XYZ", angles).as_matrix(), atol=1e-13)
 
 
 @settings(max_examples=300, deadline=None)
