@@ -119,13 +119,22 @@ def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> 
         if str(error).startswith("Failed to load config"):
             said = f"{_config_path(arguments)}: {error.__cause__ or error}"
             raise InputError("--config_path", said, "a YAML or JSON file") from error
+        flags = [argument.partition("=")[0] for argument in arguments if argument.startswith("--")]
+        if stray := next((flag for flag in flags if flag not in (*known, "--config_path")), None):
+            raise InputError(prog, stray, _options(known, prog), _suggestion(stray, known)) from error
+        if wrong := re.search(r"^(?:`(.+?)`: )?The fields `(.+?)`", str(error)):
+            flag = "--" + ".".join(part for part in (wrong[1], wrong[2].split("`")[0]) if part)
+            given = f"{flag[2:]} in {_config_path(arguments)}"
+            raise InputError("--config_path", given, _options(known, prog), _suggestion(flag, known)) from error
         if missing := re.search(r"Missing required field\(s\) (.+) for", str(error)):
             needed = " and ".join(f"--{name}" for name in re.findall(r"`(.+?)`", missing[1]))
             raise InputError(prog, f"no {needed}", f"{needed}=…", f"{prog} --help lists all options.") from error
         field = re.match(r"`(.+?)`: ", str(error))
         if field and f"--{field[1]}" in known:
-            given = next((a for a in arguments if a.startswith(f"--{field[1]}=")), f"--{field[1]}")
             said = str(error)[field.end() :].partition(" Underlying error")[0]
+            value = re.search(r"Couldn't parse '(.*)' into", said)
+            given = f"--{field[1]}={value[1]}" if value else f"--{field[1]}"
+            given = next((a for a in arguments if a.startswith(f"--{field[1]}=")), given)
             kind = re.search(r"into an? (\w+)", said)
             allowed = f"a value of type {kind[1]}" if kind else "a value of the type that --help names"
             raise InputError(prog, given, allowed, f"{prog} --help lists all options.") from error
@@ -169,6 +178,8 @@ def _joined(arguments: Sequence[str], config_class: type, known: Sequence[str]) 
             meant = f"--{argument}"
             hint = f"Did you mean {meant}?" if meant.partition("=")[0] in known else ""
             raise InputError("option", argument, "options, which begin with --", hint)
+        elif given[flag] and not kinds.get(flag, set()) & {list, tuple}:
+            raise InputError("option", argument, "options, which begin with --, and one value each")
         else:
             given[flag].append(argument)
     out = []

@@ -103,6 +103,8 @@ class CameraConfig:
         _in_range("camera.exposure", self.exposure, 0.0, 1e6)
         one_of("camera.port", self.port, PORTS)
         one_of("camera.detail", self.detail, DETAILS)
+        if str(self.lamp) in ("True", "False"):  # what YAML makes of on and off
+            object.__setattr__(self, "lamp", "on" if str(self.lamp) == "True" else "off")
         one_of("camera.lamp", self.lamp, ("auto", "on", "off"))
         if self.samples not in (1, 4):
             raise InputError("camera.samples", self.samples, "1 or 4")

@@ -143,7 +143,7 @@ def _import_pyrender():
     except ImportError as error:
         sys.modules.pop("pyrender.viewer", None)
         raise MissingDependencyError(
-            f"the pyrender backend needs pyrender ({error}): pip install 'lerobot_env_spacedock[pyrender]'. {_HELP}"
+            f"the pyrender backend needs pyrender ({error}): pip install '.[pyrender]' in SpaceDock's folder. {_HELP}"
         ) from error
     except Exception as error:  # PyOpenGL raises its own kinds when a library is missing
         raise MissingDependencyError(f"the pyrender backend cannot load OpenGL ({error}). {_HELP}") from error

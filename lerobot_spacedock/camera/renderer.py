@@ -7,6 +7,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from lerobot_spacedock.errors import InputError
+
 from .config import BACKENDS, CameraConfig, one_of
 
 
@@ -64,6 +66,8 @@ def make_renderer(
     """
     config = CameraConfig() if config is None else config
     one_of("renderer", backend, BACKENDS)
+    if station_pose is not None and station_mesh is None:
+        raise InputError("station_pose", station_pose, "nothing without station_mesh, whose pose it is")
     if backend == "software":
         from .software import SoftwareRenderer
 

@@ -9,6 +9,8 @@ import numpy as np
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.physics.constants import EARTH_EQUATORIAL_RADIUS_m, MEAN_MOTION_rad_s, ORBIT_RADIUS_m
 
+from .config import PORTS, one_of
+
 # a quarter of the way up, behind the chaser's left shoulder: the port's rim and target both throw shadows
 FIXED_SUN_H = {
     "zvezda_aft": np.array([0.52, -0.76, 0.39]) / np.linalg.norm([0.52, -0.76, 0.39]),
@@ -42,6 +44,7 @@ def draw_sun(generator: np.random.Generator, *, port: str = "zvezda_aft", min_fa
         port: docking port at the origin.
         min_facing: smallest cosine between the Sun and the port's outward axis.
     """
+    one_of("port", port, PORTS)
     outward = -1.0 if port == "zvezda_aft" else 1.0
     while True:
         v = generator.standard_normal(3)

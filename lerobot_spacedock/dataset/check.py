@@ -54,7 +54,8 @@ def check(config: CheckConfig) -> int:
         print(f"Wrote {config.json}")
     passed = report.ok and not (config.strict and report.warnings)
     if passed:
-        print(f"Next: lerobot-train --dataset.repo_id={config.repo_id or 'user/name'} --dataset.root={root} …")
+        repo_id = config.repo_id or f"local/{root.name}"
+        print(f"Next: lerobot-train --dataset.repo_id={repo_id} --dataset.root={root} …")
     return 0 if passed else 1
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ from lerobot_spacedock.files import aside, write_json
 from lerobot_spacedock.folders import check_writable
 from lerobot_spacedock.invocation import command_line
 
+FIRST_EVALUATION_SEED, LAST_EVALUATION_SEED = 1000, 1999
 FLIGHT_BLOCK = 256
 
 
@@ -55,7 +56,8 @@ class DemosConfig:
     num_episodes: int = 100
     # how many to fly; by default half as many again as are kept
     num_candidates: int | None = None
-    # meta_rl | mpc | mpc_fixed | zem | W | V | Q (hand-designed time-invariant laws) | meta_rl_sampled
+    # meta_rl | meta_rl_sampled | meta_rl_forgetful | mpc (arrives when it costs least) | mpc_fixed (at a deadline) |
+    # zem | W | V | Q (hand-designed time-invariant laws)
     expert: str = "meta_rl"
     # a meta-RL checkpoint, file or folder, or gentle, which ships for docking without a deadline; by default the one
     # that ships for the 65 steps of SpaceDock-v0
@@ -113,7 +115,7 @@ class DemosConfig:
             initial_conditions=initial_conditions,
             port=self.port,
             with_mass=self.with_mass,
-            camera=replace(self.camera, port=self.port),
+            camera=self.camera,
             renderer=self.renderer,
             sun=self.sun,
             label=self.expert,
@@ -160,7 +162,8 @@ def demos(config: DemosConfig) -> int:
         f"  kept {chosen['kept']} of {chosen['flown']} flown ({chosen['rule_text']}); {chosen['docked']} of them docked"
     )
     print(f"Next: spacedock check --repo_id={config.repo_id} --root={root}")
-    print(f"      lerobot-train --dataset.repo_id={config.repo_id} --dataset.root={root} --policy.type=act …")
+    train = f"lerobot-train --dataset.repo_id={config.repo_id} --dataset.root={root}"
+    print(f"      {train} --policy.type=act --policy.push_to_hub=false …")
     return 0
 
 
@@ -188,6 +191,9 @@ def _check(config: DemosConfig) -> None:
     check_workers(config.num_workers)
     if config.seed < 0:
         raise InputError("--seed", config.seed, "0 or more")
+    if config.seed <= LAST_EVALUATION_SEED and config.seed + config.candidates > FIRST_EVALUATION_SEED:
+        seeds = f"{FIRST_EVALUATION_SEED:,} to {LAST_EVALUATION_SEED:,}"
+        print(f"warning: --seed={config.seed}: LeRobot evaluates on seeds from 1000; {seeds} are better left to it")
     if config.repeat_terminal < 0 or (config.repeat_terminal and Segment.parse(config.segment).whole):
         raise InputError("--repeat_terminal", config.repeat_terminal, "0, or more with a --segment such as last:10m")
     Segment.parse(config.segment)

@@ -27,7 +27,7 @@ class KickConfig:
     thrust_N: float = 40.0
     # N·m, standard deviation of a kick on each torque axis
     torque_Nm: float = 3.0
-    # m, no disturbance nearer to the port than this, so that the demonstration itself still docks
+    # m, no disturbance nearer to the port than this; the larger, the more demonstrations dock themselves
     quiet_m: float = 0.0
 
     def __post_init__(self) -> None:

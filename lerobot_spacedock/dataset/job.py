@@ -116,8 +116,9 @@ class Job:
             if before | {"skip_bad": True} == settings:
                 self._skip_bad_from_now_on(settings)
             elif before != settings:
-                keys = [key for key in {**before, **settings} if before.get(key) != settings.get(key)]
-                changes = ", ".join(f"{key} was {before.get(key)!r}, now {settings.get(key)!r}" for key in keys)
+                was, now = _flat(before), _flat(settings)
+                keys = [key for key in {**was, **now} if was.get(key) != now.get(key)]
+                changes = ", ".join(f"{key} was {was.get(key)!r}, now {now.get(key)!r}" for key in keys)
                 raise InputError(
                     "--root",
                     str(self.root),
@@ -138,9 +139,9 @@ class Job:
         write_json(self.folder / "settings.json", settings)
 
     def _anything_finished(self) -> bool:
-        """Whether the folder holds a flight, a shard, a plan or more, which other settings would throw away."""
-        empty = all(not any(part.iterdir()) for part in (self.shards, self.flights, self.progress) if part.exists())
-        return not empty or self.plan_path.exists() or (self.folder / "selection.json").exists()
+        """Whether the folder holds a flight or a shard, or others may be at work in it: more than a plan to lose."""
+        empty = all(not any(part.iterdir()) for part in (self.shards, self.flights) if part.exists())
+        return not empty or any((self.folder / name).exists() for name in ("selection.json", "datatrove"))
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
@@ -179,3 +180,11 @@ class Job:
 def shard_count(episodes: int, workers: int) -> int:
     """How many shards: some a worker, so that all cores stay busy to the end and little is lost to a kill."""
     return max(1, min(episodes, max(4 * max(workers, 1), -(-episodes // MAX_SHARD_EPISODES))))
+
+
+def _flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested settings by their dotted names, as their flags are called."""
+    found: dict[str, Any] = {}
+    for name, value in settings.items():
+        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+    return found

@@ -156,7 +156,7 @@ def _tags(config: PushConfig) -> list[str]:
 
 def _next(config: PushConfig) -> str:
     if config.kind == "dataset":
-        return f"lerobot-train --dataset.repo_id={config.repo_id} --policy.type=act …"
+        return f"lerobot-train --dataset.repo_id={config.repo_id} --policy.type=act --policy.push_to_hub=false …"
     if config.kind == "policy":
         return f"lerobot-eval --policy.path={config.repo_id} --env.type=spacedock …"
     return f'lerobot.envs.factory.make_env("{config.repo_id}", trust_remote_code=True)'

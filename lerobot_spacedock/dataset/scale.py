@@ -32,7 +32,7 @@ OBJECT_STORE_BYTES = 100 * 1024**2
 class ExecutorConfig:
     """Where shards are written. Flags as in ``--executor.kind=ray``."""
 
-    # processes (no further package needed) | local, ray or slurm (datatrove: pip install lerobot_env_spacedock[scale])
+    # processes (no further package needed) | local, ray or slurm (datatrove: pip install '.[scale]')
     kind: str = "processes"
     # ray: address of a running cluster; left out, one is started here
     ray_address: str | None = None
@@ -164,7 +164,7 @@ def _start_ray(config: ExecutorConfig, workers: int) -> None:
     try:
         import ray
     except ImportError as error:
-        raise MissingDependencyError("ray is needed: pip install 'lerobot_env_spacedock[scale]'") from error
+        raise MissingDependencyError("ray is needed: pip install '.[scale]' in SpaceDock's folder") from error
     if ray.is_initialized():
         return
     local = {
@@ -238,7 +238,7 @@ def _step_class() -> type:
     try:
         from datatrove.pipeline.base import PipelineStep
     except ImportError as error:
-        raise MissingDependencyError("datatrove is needed: pip install 'lerobot_env_spacedock[scale]'") from error
+        raise MissingDependencyError("datatrove is needed: pip install '.[scale]' in SpaceDock's folder") from error
 
     class WriteShards(PipelineStep):
         """A task of the pipeline: one shard.

@@ -126,6 +126,8 @@ class SpaceDockConfig(TaskConfig):
         pose = self.station_pose
         if pose is not None and not (isinstance(pose, tuple | list) and len(pose) == 16 and all(map(_is_finite, pose))):
             raise InputError("station_pose", pose, "16 finite numbers, a 4×4 matrix row by row")
+        if self.camera.port not in (self.port, CameraConfig.port):
+            raise InputError("camera.port", self.camera.port, f"{self.port}, the env's port", "Give port itself.")
         if self.camera.port != self.port:
             object.__setattr__(self, "camera", dataclasses.replace(self.camera, port=self.port))
 

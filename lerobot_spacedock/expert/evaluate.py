@@ -183,8 +183,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     parser = argparse.ArgumentParser(prog="python -m lerobot_spacedock.expert.evaluate", description=__doc__)
     parser.add_argument("--policies", default="meta_rl", help=f"comma-separated: {', '.join(EXPERTS)}")
-    parser.add_argument("--tasks", default=",".join(TASKS), help="comma-separated, of the default")
-    parser.add_argument("--episodes", type=int, default=1000)
+    parser.add_argument("--tasks", default=",".join(TASKS), help=f"comma-separated: {', '.join(TASKS)}; default: all")
+    parser.add_argument("--episodes", type=int, default=1000, help="of each task; default: 1000")
     parser.add_argument("--seed", type=int, default=HELD_OUT_SEED, help="of the first episode")
     parser.add_argument("--checkpoint", help="of meta_rl: file, folder, gentle; default: the shipped one")
     parser.add_argument("--json", type=Path, help="write the summaries here too")

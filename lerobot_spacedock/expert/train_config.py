@@ -164,7 +164,8 @@ class TrainExpertConfig:
     num_envs: int = 256
     # steps in a training episode; it flies on through the port, so that nothing ends it early
     episode_steps: int = 80
-    # the training distribution
+    # the training distribution, best given in a file (configs/expert_meta_rl.yaml): a list of share,
+    # initial_conditions (same | random | same_dispersed | wide), dynamics (nominal | meta), hill_coupling and shoves
     tasks: list[TaskShare] = field(default_factory=default_tasks)
     shoves: ShoveConfig = field(default_factory=ShoveConfig)
     meta: MetaRanges = field(default_factory=MetaRanges)

@@ -35,7 +35,7 @@ class ReportConfig:
     reference: str | None = None
     # Title of the page
     title: str = "SpaceDock evaluation"
-    # Bootstrap resamples
+    # Bootstrap resamples, 100 or more
     resamples: int = 2000
     # Processes that read logs; default: one a core where there are many files
     workers: int | None = None

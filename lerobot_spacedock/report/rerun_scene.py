@@ -48,7 +48,7 @@ def import_rerun():
     try:
         import rerun
     except ImportError as error:
-        message = "spacedock view needs the Rerun SDK: pip install 'lerobot_env_spacedock[viz]'."
+        message = "spacedock view needs the Rerun SDK: pip install '.[viz]' in SpaceDock's folder."
         raise MissingDependencyError(message) from error
     return rerun
 

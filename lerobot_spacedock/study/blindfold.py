@@ -96,10 +96,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--checkpoint", type=Path, required=True, help="CHECKPOINT/pretrained_model of an ACT")
     parser.add_argument("--root", type=Path, required=True, help="a LeRobotDataset with pictures of its size")
     parser.add_argument("--out", type=Path, default=Path("outputs/blindfold"), help="for the episode logs")
-    parser.add_argument("--modes", nargs="+", default=list(MODES), choices=MODES)
+    parser.add_argument("--modes", nargs="+", default=list(MODES), choices=MODES, help="what is shown; default: all")
     parser.add_argument("--starts", nargs="+", default=["same"], help="same, random, same_dispersed")
     parser.add_argument("--task", default="SpaceDockContact-v0", help="gymnasium id")
-    parser.add_argument("--episodes", type=int, default=100)
+    parser.add_argument("--episodes", type=int, default=100, help="of each; default: 100")
     parser.add_argument("--json", type=Path, help="write the rows here too")
     arguments = parser.parse_args(argv)
     rows = []

@@ -29,7 +29,7 @@ try:
     from optuna.trial import FrozenTrial, TrialState
     from sqlalchemy.exc import SQLAlchemyError
 except ImportError as error:
-    message = "spacedock sweep needs Optuna: pip install 'lerobot_env_spacedock[study]'."
+    message = "spacedock sweep needs Optuna: pip install '.[study]' in SpaceDock's folder."
     raise MissingDependencyError(message) from error
 
 POINT, OWNER, RESULT = "point", "owner", "result"  # what each trial carries

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lerobot_spacedock.errors import SpaceDockError
+from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.study.results import read_trials
 
 Rows = dict[tuple[Any, ...], list[dict[str, Any]]]
@@ -25,6 +25,10 @@ def group(trials: list[dict[str, Any]], tasks: Sequence[str] = ()) -> tuple[list
         trials: as ``read_trials`` gives them.
         tasks: keep these alone; none keeps all.
     """
+    flown = {row["task"] for trial in trials for row in trial["rows"]}
+    for task in tasks:
+        if task not in flown:
+            raise InputError("--tasks", task, " | ".join(sorted(flown)))
     names = list(trials[0]["point"]) if trials else []
     vary = [name for name in names if name != "seed" and len({trial["point"].get(name) for trial in trials}) > 1]
     found: Rows = defaultdict(list)

@@ -182,3 +182,27 @@ def test_the_command_line_starts_without_lerobot_or_torch():
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.strip().endswith("[]")
+
+
+@pytest.mark.parametrize(
+    ("content", "arguments", "named"),
+    [
+        ("repo_id: a/b\ncamera: {heigth: 24}\n", [], ["camera.heigth in", "Did you mean --camera.height"]),
+        ("repo_id: a/b\nnum_episode: 2\n", [], ["num_episode in", "Did you mean --num_episodes"]),
+        ("repo_id: a/b\nnum_episodes: ten\n", [], ["--num_episodes=ten", "int"]),
+        ("", ["--repo_id=a/b", "--num_episodes", "two"], ["--num_episodes=two", "int"]),
+        ("", ["--num_episode=3"], ["--num_episode", "Did you mean --num_episodes"]),
+        ("", ["--repo_id=a/b", "--num_episodes=1", "extra"], ["got extra"]),
+    ],
+)
+def test_a_mistake_is_named_where_it_stands(tmp_path, content, arguments, named):
+    file = tmp_path / "options.yaml"
+    file.write_text(content)
+    with pytest.raises(InputError) as caught:
+        parse(*([f"--config_path={file}"] if content else []), *arguments)
+    assert all(word in str(caught.value) for word in named), caught.value
+
+
+@pytest.mark.parametrize(("word", "lamp"), [("on", "on"), ("off", "off"), ("auto", "auto")])
+def test_what_yaml_takes_for_truths_names_the_lamp(word, lamp):
+    assert cli.parse_config(Checked, [f"--camera.lamp={word}"], prog="spacedock demos").camera.lamp == lamp

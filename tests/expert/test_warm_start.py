@@ -1,6 +1,7 @@
 """The warm start: reading demonstrations, imitating them, and PPO going on without forgetting them at once."""
 
 import json
+import shutil
 
 import numpy as np
 import pyarrow as pa
@@ -14,13 +15,15 @@ from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.expert.demonstrations import find_dataset, load_demonstrations
 from lerobot_spacedock.expert.evaluate import TASKS
 from lerobot_spacedock.expert.feedback import FeedbackPolicy
-from lerobot_spacedock.expert.imitate import freeze_actor, imitate
+from lerobot_spacedock.expert.imitate import _sequences, freeze_actor, imitate
 from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
+from lerobot_spacedock.expert.policy import action_signs, observation_signs
 from lerobot_spacedock.expert.ppo import collect, make_ppo
 from lerobot_spacedock.expert.train import train_expert
 from lerobot_spacedock.expert.train_config import ActorConfig, PpoConfig, TrainExpertConfig
 from lerobot_spacedock.expert.train_state import export_actor
 from lerobot_spacedock.expert.training_tasks import TrainingTasks
+from lerobot_spacedock.physics.contact import HARMONY_FORWARD
 
 
 def write_dataset(folder, episodes=24, steps=65, with_mass=False, version="v3.0"):
@@ -166,3 +169,19 @@ def test_a_file_that_repeats_its_rows_is_refused_before_it_is_held(tmp_path):
     pq.write_table(pa.table(repeated), file)
     with pytest.raises(FileFormatError, match=r"episode \d has more than 1,000,000 rows"):
         load_demonstrations(tmp_path / "long")
+
+
+def test_demonstrations_at_harmony_are_seen_as_at_zvezda(tmp_path):
+    write_dataset(tmp_path / "aft", episodes=2, steps=5)
+    shutil.copytree(tmp_path / "aft", tmp_path / "forward")
+    for file in (tmp_path / "forward" / "data").rglob("*.parquet"):
+        table = pq.read_table(file)
+        for name, signs in (("observation.state", observation_signs), ("action", action_signs)):
+            mirrored = np.stack(table[name].to_numpy()) * signs(HARMONY_FORWARD)
+            table = table.set_column(table.column_names.index(name), name, pa.array(mirrored.tolist()))
+        pq.write_table(table, file)
+    facts = {"env": {"port": "harmony_forward"}}
+    (tmp_path / "forward" / "meta" / "spacedock.json").write_text(json.dumps(facts))
+    aft, forward = (_sequences(small(tmp_path, init_from=str(tmp_path / name)), "cpu") for name in ("aft", "forward"))
+    for one, other in zip(aft, forward, strict=True):
+        torch.testing.assert_close(one, other)

@@ -1,6 +1,6 @@
 """One reader under Atheris, whose mutations are led by what they reach in our code and in the libraries' Python:
 
-    pip install 'lerobot_env_spacedock[fuzz]'
+    pip install '.[fuzz]'
     python tests/fuzz/atheris_readers.py --reader=NPZ --inputs=20000 --corpus=outputs/fuzz/npz
 
 Judged as ``run.py`` judges (errors of this package alone, no forbidden act, 2 s, 1 GiB); the first input that fails

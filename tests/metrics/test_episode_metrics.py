@@ -1,5 +1,6 @@
 """Per-episode metrics against closed forms and hand-made logs."""
 
+import dataclasses
 import math
 import re
 from pathlib import Path
@@ -9,8 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.episode_log import EpisodeLog, log_path, write_episode_log
+from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.metrics.catalog import CATALOG, NAMES
+from lerobot_spacedock.metrics.collect import collect
 from lerobot_spacedock.metrics.crossing import closest_approach, plane_crossing, range_rate
 from lerobot_spacedock.metrics.effort import effort
 from lerobot_spacedock.metrics.episode import corridor_margin, episode_metrics
@@ -223,3 +226,18 @@ def test_the_documentation_lists_every_metric():
     text = (Path(__file__).parents[2] / "docs" / "metrics.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `(\w+)` \| [^|]+ \| ([^|]+) \|$", text, flags=re.M)
     assert listed == [(metric.name, metric.meaning) for metric in CATALOG]
+
+
+def test_saturation_is_of_the_chasers_own_limits():
+    log = make_log(np.linspace(-10.0, -1.0, 5), action=np.full((4, 6), 15.0))
+    weak = dataclasses.replace(log, metadata={"config": {"thrust_limit_N": 15.0, "torque_limit_Nm": 30.0}})
+    assert episode_metrics(log)["saturated_share"] == 0.0
+    assert episode_metrics(weak)["saturated_share"] == 1.0
+
+
+def test_episodes_of_two_tasks_are_no_run(tmp_path):
+    for seed, task in enumerate(("SpaceDock-v0", "SpaceDockContact-v0")):
+        log = make_log(np.linspace(-10.0, -1.0, 5), metadata={"env_id": task, "seed": seed})
+        write_episode_log(log_path(tmp_path, seed), log)
+    with pytest.raises(InputError, match=r"SpaceDock-v0 .*SpaceDockContact-v0 .*one task a run"):
+        collect([sorted(tmp_path.glob("*.parquet"))])

@@ -232,3 +232,19 @@ def test_logs_become_rows_and_a_table(tmp_path, capsys):
     assert "| W | random | 3 of 3 [29.2, 100.0] % | 3 |" in shown.out
     assert "surplus/episode_000003.parquet" in shown.err, "left out and named"
     assert main(["--runs", f"W={tmp_path}/nothing"]) == 2
+
+
+def test_a_process_that_has_the_number_of_a_dead_one_is_another(config):
+    study = open_study(config)
+    for point in config.points():
+        study.enqueue_trial(point, user_attrs={POINT: point})
+    same, recycled, unsigned = study.ask(), study.ask(), study.ask()
+    same.set_user_attr(OWNER, (socket.gethostname(), os.getpid(), sweep_module._began(os.getpid())))
+    recycled.set_user_attr(OWNER, (socket.gethostname(), os.getpid(), "another boot 123"))
+    assert requeue_abandoned(study) == 1
+    states = {trial.number: trial.state for trial in study.get_trials()}
+    assert [states[t.number] for t in (same, recycled, unsigned)] == [
+        TrialState.RUNNING,
+        TrialState.FAIL,
+        TrialState.RUNNING,  # a moment old: its process may be about to sign
+    ]

@@ -1,8 +1,13 @@
 """The table of a sweep: what varies, in order, with every training seed."""
 
 import json
+from pathlib import Path
 
-from lerobot_spacedock.study.table import main
+import pytest
+
+from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.study.results import read_trials
+from lerobot_spacedock.study.table import main, table
 
 
 def trial(seed, number, docked):
@@ -35,3 +40,8 @@ def test_a_line_a_setting_with_every_seed(tmp_path, capsys):
 def test_what_is_no_sweep_is_named(tmp_path, capsys):
     assert main([str(tmp_path / "none.json")]) == 2
     assert "none.json" in capsys.readouterr().err
+
+
+def test_a_task_that_was_not_flown_is_named():
+    with pytest.raises(InputError, match="allowed: "):
+        table(read_trials([Path(__file__).parents[2] / "results" / "sweep_number.json"]), ["SpaceDockContact-v0/sme"])

@@ -151,7 +151,7 @@ def _open_hdf5(file: Path) -> Any:
     try:
         import h5py
     except ImportError as error:
-        raise MissingDependencyError("h5py is needed: pip install 'lerobot_env_spacedock[hdf5]'") from error
+        raise MissingDependencyError("h5py is needed: pip install '.[hdf5]' in SpaceDock's folder") from error
     try:
         return h5py.File(file, "r")
     except OSError as error:

@@ -70,7 +70,7 @@ def _open(path: str) -> Any:
     try:
         import minari
     except ImportError as error:
-        raise MissingDependencyError("minari is needed: pip install 'lerobot_env_spacedock[minari]'") from error
+        raise MissingDependencyError("minari is needed: pip install '.[minari]' in SpaceDock's folder") from error
     try:
         if Path(path).is_dir():
             data = Path(path) / "data"
