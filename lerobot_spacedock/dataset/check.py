@@ -44,6 +44,8 @@ def check(config: CheckConfig) -> int:
         raise InputError("--sample_frames", config.sample_frames, "0 or more")
     root = existing_root(config.repo_id, config.root, downloaded=True)
     if config.json is not None:
+        if Path(config.json).is_dir():
+            raise InputError("--json", config.json, "a file")
         check_writable(Path(config.json).parent, "--json")  # it is used last
     with tqdm(total=_stated_episodes(root), unit="episode", desc="Checking") as bar:
         report = check_dataset(root, sample_frames=config.sample_frames, redraw=config.redraw, progress=bar.update)

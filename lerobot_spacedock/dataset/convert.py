@@ -252,8 +252,10 @@ def _common_env(config: ConvertConfig, refs: list[EpisodeRef], *, drawn: bool) -
     except (InputError, TypeError):
         return None
     if not drawn:
-        size = {"height": config.camera.height, "width": config.camera.width}
-        return replace(env, camera=replace(env.camera, **size), log_dir=None)
+        size = (config.camera.height, config.camera.width)
+        if size == (CameraConfig.height, CameraConfig.width):  # none was asked for
+            size = (env.camera.height, env.camera.width)
+        return replace(env, camera=replace(env.camera, height=size[0], width=size[1]), log_dir=None)
     camera = replace(config.camera, port=env.port)
     return replace(env, camera=camera, renderer=config.renderer, sun=config.sun, log_dir=None)
 
