@@ -38,9 +38,9 @@ class SensorConfig:
 
     def __post_init__(self) -> None:
         for name in ("read_noise", "full_well_electrons", "blur_px", "bloom", "bloom_px", "bloom_threshold"):
-            _in_range(f"camera.sensor.{name}", getattr(self, name), 0.0, 1e7)
+            in_range(f"camera.sensor.{name}", getattr(self, name), 0.0, 1e7)
         for name in ("distortion_k1", "distortion_k2"):
-            _in_range(f"camera.sensor.{name}", getattr(self, name), -1.0, 1.0)
+            in_range(f"camera.sensor.{name}", getattr(self, name), -1.0, 1.0)
         if not isinstance(self.seed, int) or self.seed < 0:
             raise InputError("camera.sensor.seed", self.seed, "a whole number, 0 or more")
 
@@ -97,10 +97,10 @@ class CameraConfig:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MAX_PIXELS_PER_SIDE:
                 raise InputError(f"camera.{name}", value, f"a whole number from 1 to {MAX_PIXELS_PER_SIDE}")
-        _in_range("camera.vfov_deg", self.vfov_deg, 1.0, 150.0)
-        _in_range("camera.near_m", self.near_m, 1e-3, 10.0)
-        _in_range("camera.far_m", self.far_m, 10.0 + self.near_m, 1e6)
-        _in_range("camera.exposure", self.exposure, 0.0, 1e6)
+        in_range("camera.vfov_deg", self.vfov_deg, 1.0, 150.0)
+        in_range("camera.near_m", self.near_m, 1e-3, 10.0)
+        in_range("camera.far_m", self.far_m, 10.0 + self.near_m, 1e6)
+        in_range("camera.exposure", self.exposure, 0.0, 1e6)
         one_of("camera.port", self.port, PORTS)
         one_of("camera.detail", self.detail, DETAILS)
         if str(self.lamp) in ("True", "False"):  # what YAML makes of on and off
@@ -116,7 +116,8 @@ def one_of(what: str, given: object, allowed: tuple[str, ...]) -> None:
         raise InputError(what, given, " | ".join(allowed))
 
 
-def _in_range(what: str, given: object, low: float, high: float) -> None:
+def in_range(what: str, given: object, low: float, high: float) -> None:
+    """Raise unless ``given`` is a finite number within the bounds."""
     number = isinstance(given, (int, float)) and not isinstance(given, bool)
     if not number or not math.isfinite(given) or not low <= given <= high:
         raise InputError(what, given, f"a number from {low:g} to {high:g}")

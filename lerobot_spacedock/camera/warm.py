@@ -21,6 +21,7 @@ from pathlib import Path
 import numba
 from numba.core.sigutils import normalize_signature
 
+from lerobot_spacedock.invocation import available_cores
 from lerobot_spacedock.jit import cache_dir
 
 from .shared import earth_texels, pattern_texels
@@ -84,7 +85,7 @@ def begin() -> None:
         if _begun_in:
             return
         _begun_in = os.getpid()
-        cpus = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        cpus = available_cores()
         if cpus < min(SHARES) or numba.config.DISABLE_JIT or getattr(sys, "frozen", False) or not get_executable():
             return
         if _compiled("frame") or not _first():

@@ -23,10 +23,10 @@ from lerobot_spacedock.dataset.segments import Segment
 from lerobot_spacedock.dataset.selection import RULES, best, check_rule, score
 from lerobot_spacedock.dataset.shards import reason_of
 from lerobot_spacedock.dataset.sources import FORMATS, EpisodeRef, list_episodes, load
-from lerobot_spacedock.dataset.workers import available_cores, check_workers
+from lerobot_spacedock.dataset.workers import check_workers
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.errors import FileFormatError, InputError
-from lerobot_spacedock.invocation import command_line
+from lerobot_spacedock.invocation import available_cores, command_line
 
 
 @dataclass

@@ -29,7 +29,7 @@ from lerobot_spacedock.dataset.scale import ExecutorConfig, run_executor
 from lerobot_spacedock.dataset.segments import Segment, pieces
 from lerobot_spacedock.dataset.selection import RULES, best, check_rule, score
 from lerobot_spacedock.dataset.sources import EpisodeRef
-from lerobot_spacedock.dataset.workers import available_cores, check_workers
+from lerobot_spacedock.dataset.workers import check_workers
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.env.registration import ENV_IDS
 from lerobot_spacedock.env.scenario_config import get_initial_conditions
@@ -38,7 +38,7 @@ from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.expert.controllers import EXPERTS, make_expert
 from lerobot_spacedock.files import aside, write_json
 from lerobot_spacedock.folders import check_writable
-from lerobot_spacedock.invocation import command_line
+from lerobot_spacedock.invocation import available_cores, command_line
 
 FIRST_EVALUATION_SEED, LAST_EVALUATION_SEED = 1000, 1999
 FLIGHT_BLOCK = 256

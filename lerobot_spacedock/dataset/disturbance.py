@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.camera.config import in_range
 from lerobot_spacedock.physics.frames import ACTION_DIM, POSITION
 
 _STREAM = 0x6B69636B  # keeps these draws apart from all others of the same seed
@@ -31,9 +31,9 @@ class KickConfig:
     quiet_m: float = 0.0
 
     def __post_init__(self) -> None:
-        _in_range("--kicks.probability", self.probability, 0.0, 1.0)
+        in_range("--kicks.probability", self.probability, 0.0, 1.0)
         for name in ("thrust_N", "torque_Nm", "quiet_m"):
-            _in_range(f"--kicks.{name}", getattr(self, name), 0.0, np.inf)
+            in_range(f"--kicks.{name}", getattr(self, name), 0.0, np.inf)
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class NoiseConfig:
     torque_Nm: float = 0.0
 
     def __post_init__(self) -> None:
-        _in_range("--noise.correlation", self.correlation, 0.0, 0.9999)
+        in_range("--noise.correlation", self.correlation, 0.0, 0.9999)
         for name in ("thrust_N", "torque_Nm"):
-            _in_range(f"--noise.{name}", getattr(self, name), 0.0, np.inf)
+            in_range(f"--noise.{name}", getattr(self, name), 0.0, np.inf)
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,3 @@ def _draw_episode(seed: int, steps: int, kicks: KickConfig, noise: NoiseConfig) 
         coloured = white[k] if k == 0 else rho * coloured + np.sqrt(1.0 - rho**2) * white[k]
         commands[k] += noise_sigma * coloured
     return commands
-
-
-def _in_range(what: str, given: float, low: float, high: float) -> None:
-    if not low <= given <= high:
-        raise InputError(what, given, f"a number from {low:g} to {high:g}")

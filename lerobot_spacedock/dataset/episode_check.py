@@ -12,6 +12,7 @@ from lerobot_spacedock.dataset.findings import Problems, Report
 from lerobot_spacedock.dataset.reader import DatasetReader, Episode
 from lerobot_spacedock.dataset.residuals import TOLERANCES, best_coupling, residuals
 from lerobot_spacedock.dataset.segments import MIN_STEPS
+from lerobot_spacedock.env.start import MAX_QUATERNION_ERROR
 from lerobot_spacedock.metrics.episode import limits_of
 from lerobot_spacedock.physics.frames import (
     MASS,
@@ -79,7 +80,7 @@ def _check_ranges(rows: dict[str, np.ndarray], problems: Problems, limits: np.nd
 
     if "x" in state:
         error = np.abs(norm(STATE_NAMES[QUATERNION]) - 1.0)
-        problems.all_rows(error < schema.MAX_QUATERNION_ERROR, "the quaternion is not of unit length")
+        problems.all_rows(error < MAX_QUATERNION_ERROR, "the quaternion is not of unit length")
         problems.all_rows(norm(STATE_NAMES[POSITION]) < MAX_POSITION_m, f"farther than {MAX_POSITION_m:g} m")
     problems.all_rows(norm(STATE_NAMES[VELOCITY]) < MAX_SPEED_m_s, f"faster than {MAX_SPEED_m_s:g} m/s")
     rates = np.abs([state[name] for name in STATE_NAMES[RATE]]).max(axis=0)

@@ -20,9 +20,10 @@ from typing import Any
 
 from lerobot_spacedock.dataset.job import Job, Plan
 from lerobot_spacedock.dataset.shards import finished, remove_stale, write_shard
-from lerobot_spacedock.dataset.workers import available_cores, run_processes, run_shards
+from lerobot_spacedock.dataset.workers import run_processes, run_shards
 from lerobot_spacedock.errors import InputError, MissingDependencyError, SpaceDockError
 from lerobot_spacedock.files import write_json
+from lerobot_spacedock.invocation import available_cores
 
 KINDS = ("processes", "local", "ray", "slurm")
 OBJECT_STORE_BYTES = 100 * 1024**2

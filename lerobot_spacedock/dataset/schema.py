@@ -33,7 +33,6 @@ DONE = "next.done"
 STORAGES = ("video", "image")
 LEAST_IMAGE_px = 16
 LEAST_VIDEO_WIDTH_px = 32  # the AV1 encoder ends the whole process on narrower frames
-MAX_QUATERNION_ERROR = 1e-3  # of a unit quaternion's length
 STATE_UNITS = ("m",) * 3 + ("m/s",) * 3 + ("kg",) + ("1",) * 4 + ("deg/s",) * 3
 ACTION_UNITS = ("N",) * 3 + ("N·m",) * 3
 

@@ -16,13 +16,10 @@ from tqdm import tqdm
 from lerobot_spacedock.dataset.job import Job, Plan
 from lerobot_spacedock.dataset.shards import finished, read_summary, remove_stale, write_shard
 from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.invocation import available_cores
 
 POLL_s = 0.3
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-def available_cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def check_workers(count: int) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -16,6 +15,7 @@ import numpy as np
 
 from lerobot_spacedock.episode_log import SURPLUS_FOLDER, EpisodeLog, read_episode_log
 from lerobot_spacedock.errors import FileFormatError, InputError, SpaceDockError, reading
+from lerobot_spacedock.invocation import available_cores
 from lerobot_spacedock.metrics.catalog import NAMES
 from lerobot_spacedock.metrics.crossing import range_rate
 from lerobot_spacedock.metrics.episode import ATV_CONDITIONS, IDSS_CONDITIONS, episode_metrics
@@ -115,8 +115,7 @@ def collect(
     jobs = [(i, batch) for i, files in enumerate(folders) for batch in batched(files, BATCH)]
     total = sum(len(files) for files in folders)
     if workers is None:
-        workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        workers = workers if total >= POOL_FROM else 1
+        workers = available_cores() if total >= POOL_FROM else 1
     joined = _Part()
     if workers > 1:
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:

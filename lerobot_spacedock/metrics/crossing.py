@@ -12,14 +12,14 @@ BISECTIONS = 60
 
 
 def hermite(
-    p0: np.ndarray, v0: np.ndarray, p1: np.ndarray, v1: np.ndarray, dt: float, s: float
+    p0: np.ndarray, v0: np.ndarray, p1: np.ndarray, v1: np.ndarray, dt: float | np.ndarray, s: float | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Position and velocity at the share ``s`` of a step; exact for a linearly varying acceleration.
 
     Args:
-        p0, v0, p1, v1: position and velocity at both ends, (3,).
-        dt: s, length of the step.
-        s: in [0, 1].
+        p0, v0, p1, v1: position and velocity at both ends, (..., 3).
+        dt: s, length of the step, a number or (..., 1).
+        s: in [0, 1], likewise.
     """
     s2, s3 = s * s, s * s * s
     position = (2 * s3 - 3 * s2 + 1) * p0 + (s3 - 2 * s2 + s) * dt * v0 + (3 * s2 - 2 * s3) * p1 + (s3 - s2) * dt * v1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.metrics.crossing import hermite
 from lerobot_spacedock.physics.frames import POSITION, QUATERNION, VELOCITY
 
 
@@ -27,11 +28,7 @@ def states_at(log: EpisodeLog, time: np.ndarray) -> np.ndarray:
     a, b = log.state[k], log.state[k + 1]
     out = a + s * (b - a)
     p0, v0, p1, v1 = a[:, POSITION], a[:, VELOCITY], b[:, POSITION], b[:, VELOCITY]
-    s2, s3 = s * s, s * s * s
-    out[:, POSITION] = (
-        (2 * s3 - 3 * s2 + 1) * p0 + (s3 - 2 * s2 + s) * dt * v0 + (3 * s2 - 2 * s3) * p1 + (s3 - s2) * dt * v1
-    )
-    out[:, VELOCITY] = (6 * s2 - 6 * s) * (p0 - p1) / dt + (3 * s2 - 4 * s + 1) * v0 + (3 * s2 - 2 * s) * v1
+    out[:, POSITION], out[:, VELOCITY] = hermite(p0, v0, p1, v1, dt, s)
     out[:, QUATERNION] = slerp(a[:, QUATERNION], b[:, QUATERNION], s)
     return out
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from lerobot_spacedock.dataset.episode import succeeded
-from lerobot_spacedock.dataset.schema import MAX_QUATERNION_ERROR
+from lerobot_spacedock.env.start import MAX_QUATERNION_ERROR
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, InputError, reading
 from lerobot_spacedock.physics.frames import QUATERNION
