@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.station import MATERIALS, SEGMENTS, StationMesh, station_for_port
 
 from .config import DETAILS, PORTS, CameraConfig
@@ -123,4 +123,7 @@ def _linear_bytes(linear) -> list[int]:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    try:
+        raise SystemExit(main())
+    except SpaceDockError as error:
+        raise SystemExit(f"error: {error}") from None

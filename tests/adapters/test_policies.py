@@ -11,6 +11,7 @@ from lerobot.utils.constants import ACTION, OBS_STATE
 from local_hub import TOKEN, LocalHub
 
 from lerobot_spacedock.adapters import SpaceDockEnvConfig
+from lerobot_spacedock.adapters.command_line import OptionError
 from lerobot_spacedock.errors import FileFormatError, InputError, SpaceDockError
 
 TYPES = ("spacedock_meta_rl", "spacedock_mpc", "spacedock_zem", "spacedock_feedback")
@@ -174,3 +175,17 @@ def test_training_one_says_what_does_train_it(policy_type):
     for call in (policy.get_optim_params, lambda: policy.forward({})):
         with pytest.raises(SpaceDockError, match="spacedock train-expert"):
             call()
+
+
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [
+        ("spacedock_mpc", {"mode": "fast"}),
+        ("spacedock_mpc", {"closing_speed_m_s": -1.0}),
+        ("spacedock_zem", {"deadline_steps": 0}),
+        ("spacedock_feedback", {"law": "X"}),
+    ],
+)
+def test_an_option_that_cannot_be_used_is_named_as_its_flag(kind, options):
+    with pytest.raises(OptionError, match=next(iter(options))):
+        PreTrainedConfig.get_choice_class(kind)(**options)

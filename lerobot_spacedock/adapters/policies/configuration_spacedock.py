@@ -9,6 +9,7 @@ from lerobot.optim import AdamWConfig
 from lerobot.utils.constants import OBS_STATE
 
 from lerobot_spacedock.adapters import command_line
+from lerobot_spacedock.camera.config import in_range, one_of
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.physics.contact import get_port
 from lerobot_spacedock.physics.frames import ACTION_DIM, OBSERVATION_NAMES, STATE_NAMES
@@ -126,6 +127,13 @@ class DeadlineConfig(ClassicalConfig):
     # m/s, closing speed at arrival (IDSS: 0.05 to 0.10); 0 stops at the port
     closing_speed_m_s: float = 0.075
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        with command_line.option_errors():
+            in_range("--policy.deadline_steps", self.deadline_steps, 1, 1_000_000)
+            in_range("--policy.deadline_step_s", self.deadline_step_s, 0.001, 99.0)
+            in_range("--policy.closing_speed_m_s", self.closing_speed_m_s, 0.0, 1.0)
+
 
 @PreTrainedConfig.register_subclass("spacedock_mpc")
 @dataclass
@@ -134,6 +142,11 @@ class SpaceDockMpcConfig(DeadlineConfig):
 
     # fixed | receding: arrive at the deadline, or whenever energy and time together cost least
     mode: str = "fixed"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        with command_line.option_errors():
+            one_of("--policy.mode", self.mode, ("fixed", "receding"))
 
 
 @PreTrainedConfig.register_subclass("spacedock_zem")
@@ -149,3 +162,8 @@ class SpaceDockFeedbackConfig(ClassicalConfig):
 
     # W | V | Q: smoothest, fastest, between
     law: str = "W"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        with command_line.option_errors():
+            one_of("--policy.law", self.law, ("W", "V", "Q"))
