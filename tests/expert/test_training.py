@@ -256,9 +256,9 @@ def test_what_is_refused(tmp_path):
     with pytest.raises(FileFormatError, match="num_envs"):
         train_expert(small(tmp_path / "done", resume=True, num_envs=16))
     if not torch.cuda.is_available():
-        with pytest.raises(InputError, match="where torch sees a GPU"):
+        with pytest.raises(InputError, match="of a GPU that torch sees"):
             train_expert(small(tmp_path / "gpu", device="cuda"))
-    with pytest.raises(InputError, match="cuda where torch sees"):
+    with pytest.raises(InputError, match="of a GPU that torch sees"):
         train_expert(small(tmp_path / "gpu", device="gpu"))
     newest = checkpoints(tmp_path / "done" / "checkpoints")[-1]
     (newest / "training.safetensors").write_bytes(b"\x80\x04pickle")
