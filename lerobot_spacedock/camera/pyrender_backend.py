@@ -17,6 +17,7 @@ import numpy as np
 
 from lerobot_spacedock.errors import MissingDependencyError, SimulationError
 from lerobot_spacedock.station import MATERIALS, PATTERNS
+from lerobot_spacedock.station.materials import srgb_bytes
 
 from .config import CameraConfig
 from .exposure import light_array
@@ -256,9 +257,7 @@ def _tile(material) -> np.ndarray:
     tint = 1.0 + material.tint * ((word & 255) / 127.5 - 1.0)
     share = ((word >> 8) & 255)[..., None] / 255.0
     linear = (np.array(material.base) * (1 - share) + np.array(material.second) * share) * tint[..., None]
-    linear = np.clip(linear, 0.0, 1.0)
-    srgb = np.where(linear < 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return (srgb * 255.0 + 0.5).astype(np.uint8)
+    return srgb_bytes(linear)
 
 
 def _looking(direction: np.ndarray) -> np.ndarray:

@@ -149,11 +149,11 @@ def _log_scene(rr, recording, log: EpisodeLog, state: np.ndarray, name: str, det
 def station_vertices(port: str, detail: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The station's corners (V, 3) m, normals (V, 3) and sRGB colours (V, 3) uint8, in Hill axes."""
     from lerobot_spacedock.station import MATERIALS, station_for_port
+    from lerobot_spacedock.station.materials import srgb_bytes
 
     mesh = station_for_port(port, detail)
-    linear = np.array([material.base for material in MATERIALS])
-    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0) ** (1 / 2.4) - 0.055)
-    colours = np.repeat(np.clip(255.0 * srgb, 0, 255).astype(np.uint8)[mesh.material], 3, axis=0)
+    colours = srgb_bytes(np.array([material.base for material in MATERIALS]))
+    colours = np.repeat(colours[mesh.material], 3, axis=0)
     return mesh.corners.reshape(-1, 3), mesh.normals.reshape(-1, 3), colours
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 PATTERNS = (
     "plain", "whipple", "blanket", "crinkle", "straps", "cells_us", "cells_ru", "kapton_back", "radiator", "machined",
     "weave", "stripes",
@@ -128,3 +130,10 @@ MATERIALS = (
 )
 
 MATERIAL_INDEX = {m.name: i for i, m in enumerate(MATERIALS)}
+
+
+def srgb_bytes(linear: np.ndarray) -> np.ndarray:
+    """Linear light, 0 to 1 and clipped to it → sRGB (IEC 61966-2-1), uint8 of the same shape."""
+    linear = np.clip(linear, 0.0, 1.0)
+    curved = np.where(linear < 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return (curved * 255.0 + 0.5).astype(np.uint8)
