@@ -22,8 +22,9 @@ def log_training_scalars(folder: Path) -> None:
     from lerobot_spacedock.metrics.scalars import evaluation_scalars, write_event
 
     try:
+        step = _training_step(folder.parent)  # first: an evaluation that cannot be read counts too
         scalars = evaluation_scalars(folder)
-        write_event(folder.parent / TENSORBOARD_FOLDER, scalars, _training_step(folder.parent))
+        write_event(folder.parent / TENSORBOARD_FOLDER, scalars, step)
         wandb = sys.modules.get("wandb")
         if wandb is not None and wandb.run is not None:
             # No step of our own: the values join the row of the step that LeRobot logs, and can never push one out.

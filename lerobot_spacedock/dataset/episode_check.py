@@ -13,6 +13,7 @@ from lerobot_spacedock.dataset.reader import DatasetReader, Episode
 from lerobot_spacedock.dataset.residuals import TOLERANCES, best_coupling, residuals
 from lerobot_spacedock.dataset.segments import MIN_STEPS
 from lerobot_spacedock.env.start import MAX_QUATERNION_ERROR
+from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.metrics.episode import limits_of
 from lerobot_spacedock.physics.frames import (
     MASS,
@@ -58,7 +59,12 @@ def check_episode(reader: DatasetReader, episode: Episode, position: int, report
             report.checks["finite"] += 1
             if not problems.all_rows(np.isfinite(values).all(axis=1), f"{name} is not finite"):
                 return
-    _check_ranges(rows, problems, limits_of({"config": reader.facts.get("env")}))
+    try:
+        limits = limits_of({"config": reader.facts.get("env")})
+    except InputError as error:
+        problems.error(f"its dataset's env: {error}")
+        return
+    _check_ranges(rows, problems, limits)
     _check_times(rows, problems)
     if schema.DONE in rows:
         problems.all_rows(

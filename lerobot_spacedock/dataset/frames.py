@@ -78,9 +78,13 @@ class Artist:
 def check_drawing(drawing: dict[str, Any]) -> None:
     """Makes the renderer that these keyword arguments of ``Artist`` name, and closes it, before long work begins.
 
+    The package's own renderer of its own station needs nothing, and is not made.
+
     Raises:
         InputError, FileFormatError, MissingDependencyError: as ``make_renderer``.
     """
+    if drawing["renderer"] == "software" and drawing["station_mesh"] is None:
+        return
     artist = Artist(**drawing)
     _ = artist.renderer
     artist.close()

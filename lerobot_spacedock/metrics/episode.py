@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.metrics.catalog import NAMES
 from lerobot_spacedock.metrics.crossing import closest_approach, plane_crossing
 from lerobot_spacedock.metrics.effort import effort
@@ -77,11 +78,20 @@ def corridor_of(metadata: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def limits_of(metadata: Mapping[str, Any]) -> np.ndarray:
-    """The chaser's largest thrust and torque along each axis, N and N·m, (6,); by default the paper's."""
+    """The chaser's largest thrust and torque along each axis, N and N·m, (6,); by default the paper's.
+
+    Raises:
+        InputError: a limit that is no number above 0.
+    """
     config = metadata.get("config")
     config = config if isinstance(config, Mapping) else {}
-    given = [config.get("thrust_limit_N", THRUST_LIMIT_N), config.get("torque_limit_Nm", TORQUE_LIMIT_Nm)]
-    return np.repeat(np.array(given, dtype=np.float64), 3)
+    limits = []
+    for name, usual in (("thrust_limit_N", THRUST_LIMIT_N), ("torque_limit_Nm", TORQUE_LIMIT_Nm)):
+        value = config.get(name, usual)
+        if not (isinstance(value, int | float) and 0.0 < value < np.inf):
+            raise InputError(name, value, "a finite number above 0")
+        limits += [float(value)] * 3
+    return np.array(limits)
 
 
 def corridor_margin(position: np.ndarray, port: Port, half_angle_rad: float, mouth_m: float) -> np.ndarray:

@@ -233,6 +233,9 @@ def test_saturation_is_of_the_chasers_own_limits():
     weak = dataclasses.replace(log, metadata={"config": {"thrust_limit_N": 15.0, "torque_limit_Nm": 30.0}})
     assert episode_metrics(log)["saturated_share"] == 0.0
     assert episode_metrics(weak)["saturated_share"] == 1.0
+    for wrong in (0, -1.0, "strong", None):
+        with pytest.raises(InputError, match="thrust_limit_N"):
+            episode_metrics(dataclasses.replace(log, metadata={"config": {"thrust_limit_N": wrong}}))
 
 
 def test_episodes_of_two_tasks_are_no_run(tmp_path):
