@@ -1,5 +1,6 @@
 """One root error. A message says what was given, what is allowed, and how to mend it."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -70,6 +71,19 @@ def check_size(path: Path | str, name: str, count_bytes: int) -> None:
     """Raises FileFormatError where a header asks for more than ``LARGEST_ARRAY_BYTES``."""
     if count_bytes > LARGEST_ARRAY_BYTES:
         raise FileFormatError(f"{path}: {name!r} claims {count_bytes / 2**30:,.0f} GiB; 8 are the most.")
+
+
+def one_of(what: str, given: object, allowed: tuple[str, ...]) -> None:
+    """Raises InputError unless ``given`` is one of the names."""
+    if given not in allowed:
+        raise InputError(what, given, " | ".join(allowed))
+
+
+def in_range(what: str, given: object, low: float, high: float) -> None:
+    """Raises InputError unless ``given`` is a finite number within the bounds."""
+    number = isinstance(given, (int, float)) and not isinstance(given, bool)
+    if not number or not math.isfinite(given) or not low <= given <= high:
+        raise InputError(what, given, f"a number from {low:g} to {high:g}")
 
 
 def _short(value: object, limit: int = 200) -> str:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, in_range, one_of
 
 PORTS = ("zvezda_aft", "harmony_forward")
 BACKENDS = ("software", "pyrender")
@@ -108,16 +107,3 @@ class CameraConfig:
         one_of("camera.lamp", self.lamp, ("auto", "on", "off"))
         if self.samples not in (1, 4):
             raise InputError("camera.samples", self.samples, "1 or 4")
-
-
-def one_of(what: str, given: object, allowed: tuple[str, ...]) -> None:
-    """Raise unless ``given`` is one of the names."""
-    if given not in allowed:
-        raise InputError(what, given, " | ".join(allowed))
-
-
-def in_range(what: str, given: object, low: float, high: float) -> None:
-    """Raise unless ``given`` is a finite number within the bounds."""
-    number = isinstance(given, (int, float)) and not isinstance(given, bool)
-    if not number or not math.isfinite(given) or not low <= given <= high:
-        raise InputError(what, given, f"a number from {low:g} to {high:g}")

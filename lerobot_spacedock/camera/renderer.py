@@ -7,9 +7,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, one_of
 
-from .config import BACKENDS, CameraConfig, one_of
+from .config import BACKENDS, CameraConfig
 
 
 class Buffers(NamedTuple):

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, one_of
 from lerobot_spacedock.physics.constants import EARTH_EQUATORIAL_RADIUS_m, MEAN_MOTION_rad_s, ORBIT_RADIUS_m
 
-from .config import PORTS, one_of
+from .config import PORTS
 
 # a quarter of the way up, behind the chaser's left shoulder: the port's rim and target both throw shadows
 FIXED_SUN_H = {

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lerobot_spacedock.camera.config import in_range
+from lerobot_spacedock.errors import in_range
 from lerobot_spacedock.physics.frames import ACTION_DIM, POSITION
 
 _STREAM = 0x6B69636B  # keeps these draws apart from all others of the same seed

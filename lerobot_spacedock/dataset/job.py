@@ -141,7 +141,7 @@ class Job:
     def _anything_finished(self) -> bool:
         """Whether the folder holds a flight or a shard, or others may be at work in it: more than a plan to lose."""
         empty = all(not any(part.iterdir()) for part in (self.shards, self.flights) if part.exists())
-        return not empty or any((self.folder / name).exists() for name in ("selection.json", "datatrove"))
+        return not empty or any((self.folder / name).exists() for name in ("selection.json", "datatrove", "slurm.json"))
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any
 
-from lerobot_spacedock.camera.config import BACKENDS, CameraConfig, one_of
+from lerobot_spacedock.camera.config import BACKENDS, CameraConfig
 from lerobot_spacedock.env.reward_config import RewardConfig
 from lerobot_spacedock.env.scenario_config import MetaRanges, get_initial_conditions
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, one_of
 from lerobot_spacedock.physics.contact import get_port
 
 OBS_TYPES = ("pixels_agent_pos", "agent_pos", "pixels")

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from lerobot_spacedock.camera.config import BACKENDS, CameraConfig, one_of
+from lerobot_spacedock.camera.config import BACKENDS, CameraConfig
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.frames import Artist
 from lerobot_spacedock.dataset.stored_episode import DatasetEpisode
 from lerobot_spacedock.episode_log import EpisodeLog, read_episode_log
-from lerobot_spacedock.errors import FileFormatError, InputError, reading
+from lerobot_spacedock.errors import FileFormatError, InputError, one_of, reading
 from lerobot_spacedock.metrics.episode import hill_coupled, port_of
 from lerobot_spacedock.physics.frames import state_from_dataset_units
 from lerobot_spacedock.report.instruments import frame_readings, overlay

@@ -9,8 +9,7 @@ from lerobot.optim import AdamWConfig
 from lerobot.utils.constants import OBS_STATE
 
 from lerobot_spacedock.adapters import command_line
-from lerobot_spacedock.camera.config import in_range, one_of
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, in_range, one_of
 from lerobot_spacedock.physics.contact import get_port
 from lerobot_spacedock.physics.frames import ACTION_DIM, OBSERVATION_NAMES, STATE_NAMES
 
