@@ -18,31 +18,42 @@ from lerobot_spacedock.study.results import read_trials
 Rows = dict[tuple[Any, ...], list[dict[str, Any]]]
 
 
-def group(trials: list[dict[str, Any]], tasks: Sequence[str] = ()) -> tuple[list[str], Rows]:
+def group(
+    trials: list[dict[str, Any]], tasks: Sequence[str] = (), coefficients: Sequence[float] = ()
+) -> tuple[list[str], Rows]:
     """The axes that vary (the seed aside), and the rows of all seeds by their values, task and coefficient.
 
     Args:
         trials: as ``read_trials`` gives them.
         tasks: keep these alone; none keeps all.
+        coefficients: keep these alone; none keeps all.
+
+    Raises:
+        InputError: a task or a coefficient that no trial was flown with.
     """
-    flown = {row["task"] for trial in trials for row in trial["rows"]}
-    for task in tasks:
-        if task not in flown:
-            raise InputError("--tasks", task, " | ".join(sorted(flown)))
+    flown = [row for trial in trials for row in trial["rows"]]
+    _check("--tasks", tasks, {row["task"] for row in flown})
+    _check("--coefficients", coefficients, {row["coefficient"] for row in flown} - {None})
     names = list(trials[0]["point"]) if trials else []
     vary = [name for name in names if name != "seed" and len({trial["point"].get(name) for trial in trials}) > 1]
     found: Rows = defaultdict(list)
     for trial in sorted(trials, key=lambda trial: trial["point"]["seed"]):
         for row in trial["rows"]:
-            if not tasks or row["task"] in tasks:
+            if (not tasks or row["task"] in tasks) and (not coefficients or row["coefficient"] in coefficients):
                 key = (*(trial["point"].get(name) for name in vary), row["task"], row["coefficient"])
                 found[key].append(row)
     return vary, found
 
 
-def table(trials: list[dict[str, Any]], tasks: Sequence[str] = ()) -> str:
+def _check(flag: str, wanted: Sequence[Any], flown: set[Any]) -> None:
+    for value in wanted:
+        if value not in flown:
+            raise InputError(flag, value, " | ".join(map(str, sorted(flown))))
+
+
+def table(trials: list[dict[str, Any]], tasks: Sequence[str] = (), coefficients: Sequence[float] = ()) -> str:
     """The Markdown table."""
-    vary, found = group(trials, tasks)
+    vary, found = group(trials, tasks, coefficients)
     head = [*(name.replace("_", " ") for name in vary), "task", "coefficient"]
     head += ["IDSS box, %", "contact, %", "distance mean, cm", "p95, cm", "closing speed, m/s", "smoothness"]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
@@ -74,9 +85,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m lerobot_spacedock.study.table", description=__doc__)
     parser.add_argument("results", nargs="+", type=Path, help="JSON that spacedock sweep wrote; several are joined")
     parser.add_argument("--tasks", nargs="+", default=[], help="ENV_ID/STARTS, these alone")
+    parser.add_argument("--coefficients", nargs="+", type=float, default=[], help="of the ensemble, these alone")
     arguments = parser.parse_args(argv)
     try:
-        print(table(read_trials(arguments.results), arguments.tasks))
+        print(table(read_trials(arguments.results), arguments.tasks, arguments.coefficients))
     except SpaceDockError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -42,6 +42,15 @@ def test_what_is_no_sweep_is_named(tmp_path, capsys):
     assert "none.json" in capsys.readouterr().err
 
 
+def test_coefficients_are_picked(capsys):
+    path = Path(__file__).parents[2] / "results" / "sweep_frontier.json"
+    assert main([str(path), "--tasks", "SpaceDock-v0/same", "--coefficients", "0.01", "-1"]) == 0
+    _, _, *lines = capsys.readouterr().out.splitlines()
+    assert {line.split(" | ")[3] for line in lines} == {"+0.01", "-1"}
+    assert main([str(path), "--coefficients", "0.5"]) == 2
+    assert "--coefficients: got 0.5; allowed: -1.0 | -0.1 | 0.01 | 0.1" in capsys.readouterr().err
+
+
 def test_a_task_that_was_not_flown_is_named():
     with pytest.raises(InputError, match="allowed: "):
         table(read_trials([Path(__file__).parents[2] / "results" / "sweep_number.json"]), ["SpaceDockContact-v0/sme"])
