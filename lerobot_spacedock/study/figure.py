@@ -120,6 +120,7 @@ def _same_limits(axes: Any, task: str, by_task: dict[str, dict]) -> None:
         strict=True,
     ):
         set_limits(low / 1.25, high * 1.25)
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        within_a_decade = high < 10.0 * low
+        axis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if within_a_decade else (1.0, 2.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())
