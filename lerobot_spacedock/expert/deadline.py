@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import in_range
 
 MID_BAND_CLOSING_SPEED_m_s = 0.075  # IDSS: 0.05 to 0.10 m/s
+RANGES = {"steps": (1, 1_000_000), "step_s": (0.001, 99.0), "closing_speed_m_s": (0.0, 1.0)}  # of Deadline's attributes
 
 
 @dataclass(frozen=True)
@@ -26,12 +27,8 @@ class Deadline:
     closing_speed_m_s: float = MID_BAND_CLOSING_SPEED_m_s
 
     def __post_init__(self) -> None:
-        if self.steps < 1:
-            raise InputError("deadline.steps", self.steps, "an integer of at least 1")
-        if not 0.0 < self.step_s < 100.0:
-            raise InputError("deadline.step_s", self.step_s, "seconds, above 0 and below 100")
-        if not 0.0 <= self.closing_speed_m_s <= 1.0:
-            raise InputError("deadline.closing_speed_m_s", self.closing_speed_m_s, "m/s, from 0 to 1")
+        for name, (low, high) in RANGES.items():
+            in_range(f"deadline.{name}", getattr(self, name), low, high)
 
     def time_left_s(self, step: int) -> float:
         """Expected time from the start of step ``step`` to the deadline; negative after it."""

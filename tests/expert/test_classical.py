@@ -151,7 +151,7 @@ def test_free_time_command_is_continuous_in_the_state():
         (lambda: make_expert("pid", TASKS["fixed same"]), "meta_rl | "),
         (lambda: MpcPolicy(mode="open"), "fixed | receding"),
         (lambda: FeedbackPolicy("X"), "W | V | Q"),
-        (lambda: Deadline(steps=0), "at least 1"),
+        (lambda: Deadline(steps=0), "deadline.steps: got 0; allowed: a number from 1 to 1e+06"),
         (lambda: Deadline(closing_speed_m_s=-0.1), "from 0 to 1"),
     ],
 )

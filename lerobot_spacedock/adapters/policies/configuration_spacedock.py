@@ -10,6 +10,7 @@ from lerobot.utils.constants import OBS_STATE
 
 from lerobot_spacedock.adapters import command_line
 from lerobot_spacedock.errors import InputError, in_range, one_of
+from lerobot_spacedock.expert.deadline import RANGES, Deadline
 from lerobot_spacedock.physics.contact import get_port
 from lerobot_spacedock.physics.frames import ACTION_DIM, OBSERVATION_NAMES, STATE_NAMES
 
@@ -120,18 +121,18 @@ class DeadlineConfig(ClassicalConfig):
     """What the controllers with a clock share."""
 
     # step at which to arrive; 65 is the paper's horizon
-    deadline_steps: int = 65
+    deadline_steps: int = Deadline.steps
     # s, expected length of a step; the controller sees no clock of the environment's
-    deadline_step_s: float = 0.907
+    deadline_step_s: float = Deadline.step_s
     # m/s, closing speed at arrival (IDSS: 0.05 to 0.10); 0 stops at the port
-    closing_speed_m_s: float = 0.075
+    closing_speed_m_s: float = Deadline.closing_speed_m_s
 
     def __post_init__(self) -> None:
         super().__post_init__()
         with command_line.option_errors():
-            in_range("--policy.deadline_steps", self.deadline_steps, 1, 1_000_000)
-            in_range("--policy.deadline_step_s", self.deadline_step_s, 0.001, 99.0)
-            in_range("--policy.closing_speed_m_s", self.closing_speed_m_s, 0.0, 1.0)
+            in_range("--policy.deadline_steps", self.deadline_steps, *RANGES["steps"])
+            in_range("--policy.deadline_step_s", self.deadline_step_s, *RANGES["step_s"])
+            in_range("--policy.closing_speed_m_s", self.closing_speed_m_s, *RANGES["closing_speed_m_s"])
 
 
 @PreTrainedConfig.register_subclass("spacedock_mpc")

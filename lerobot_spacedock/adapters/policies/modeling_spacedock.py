@@ -23,6 +23,7 @@ from lerobot_spacedock.adapters.policies.configuration_spacedock import (
 )
 from lerobot_spacedock.adapters.policies.processor_spacedock import make_expert_processors
 from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.expert.deadline import Deadline
 from lerobot_spacedock.expert.policy import Policy
 from lerobot_spacedock.physics.contact import get_port
 from lerobot_spacedock.physics.frames import MASS, STATE_DIM
@@ -181,9 +182,7 @@ _UNTRAINABLE = (
 )
 
 
-def _deadline(config: DeadlineConfig) -> Any:
-    from lerobot_spacedock.expert.deadline import Deadline
-
+def _deadline(config: DeadlineConfig) -> Deadline:
     return Deadline(config.deadline_steps, config.deadline_step_s, config.closing_speed_m_s)
 
 
