@@ -59,8 +59,8 @@ class DemosConfig:
     # meta_rl | meta_rl_sampled | meta_rl_forgetful | mpc (arrives when it costs least) | mpc_fixed (at a deadline) |
     # zem | W | V | Q (hand-designed time-invariant laws)
     expert: str = "meta_rl"
-    # a meta-RL checkpoint, file or folder, or gentle, which ships for docking without a deadline; by default the one
-    # that ships for the 65 steps of SpaceDock-v0
+    # a meta-RL checkpoint, file or folder, or gentle, which ships for docking without a deadline, or hold, which ships
+    # for stopping at the port within the 65 steps of SpaceDock-v0; by default the one that ships for passing it then
     checkpoint: str | None = None
     # first | distance | propellant | smoothness | return: what the best are best at
     select: str = "distance"
@@ -174,10 +174,10 @@ def _check(config: DemosConfig) -> None:
     if config.checkpoint is not None and not config.expert.startswith("meta_rl"):
         raise InputError("--checkpoint", config.checkpoint, "nothing, unless --expert=meta_rl")
     if config.checkpoint is not None:
-        from lerobot_spacedock.expert.checkpoint import GENTLE, find_checkpoint
+        from lerobot_spacedock.expert.checkpoint import NAMED, find_checkpoint
 
         if not find_checkpoint(config.checkpoint).is_file():
-            allowed = f"{GENTLE}, or a file or folder that spacedock train-expert wrote"
+            allowed = f"{' | '.join(NAMED)}, or a file or folder that spacedock train-expert wrote"
             raise InputError("--checkpoint", config.checkpoint, allowed, "Left out, it is the one that ships.")
     check_rule(config.select)
     if config.env_id not in ENV_IDS:

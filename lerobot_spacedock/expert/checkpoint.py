@@ -18,16 +18,18 @@ from lerobot_spacedock.physics.frames import ACTION_DIM
 
 _FOLDER = Path(__file__).parent / "checkpoints"
 SHIPPED = _FOLDER / "meta_rl.safetensors"  # reaches the port in the paper's 65 steps
-GENTLE = "gentle"  # name of the other one that ships: some nine steps slower, for docking without a deadline
+GENTLE = "gentle"  # some nine steps slower, for docking without a deadline
+HOLD = "hold"  # stops at the port within those steps, whatever the start; it does not dock
+NAMED = (GENTLE, HOLD)  # the others that ship, by name
 
 
 def find_checkpoint(given: str | Path | None = None) -> Path:
-    """The ``.safetensors`` file of a checkpoint: None is the shipped one, ``gentle`` the other that ships, else a file
-    or a folder with a ``policy.safetensors``; it need not exist."""
+    """The ``.safetensors`` file of a checkpoint: None is the shipped one, a name in ``NAMED`` another that ships, else a
+    file or a folder with a ``policy.safetensors``; it need not exist."""
     if given is None:
         return SHIPPED
-    if str(given) == GENTLE:
-        return _FOLDER / f"{GENTLE}.safetensors"
+    if str(given) in NAMED:
+        return _FOLDER / f"{given}.safetensors"
     path = Path(given).expanduser()
     return path / "policy.safetensors" if path.is_dir() else path
 
@@ -65,7 +67,7 @@ def load_actor(checkpoint: str | Path | None = None) -> tuple[ActorNetwork, dict
     if not path.is_file():
         raise FileFormatError(
             f"{path}: no such expert checkpoint; make one with spacedock train-expert, or leave it out or name "
-            f"{GENTLE} for those that ship"
+            f"{' or '.join(NAMED)} for those that ship"
         )
     description = read_object(path.with_suffix(".json"))
     for name, wanted in (

@@ -25,7 +25,7 @@ def make_expert(name: str, task: TaskConfig, *, checkpoint: str | Path | None = 
             free time to go or to a deadline, ZEM/ZEV, and the feedback laws W, V and Q.
         task: gives port, attitude model and horizon. Where there is contact the classical laws with a deadline arrive
             with a closing speed in the middle of the allowed band; in the fixed-horizon task they stop at the port.
-        checkpoint: of the learnt policy: file, folder, ``gentle``; the shipped one by default.
+        checkpoint: of the learnt policy: file, folder, ``gentle``, ``hold``; the shipped one by default.
         seed: of the noise of sampled actions.
     """
     where = {"port": get_port(task.port)}

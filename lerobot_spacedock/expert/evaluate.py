@@ -186,7 +186,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--tasks", default=",".join(TASKS), help=f"comma-separated: {', '.join(TASKS)}; default: all")
     parser.add_argument("--episodes", type=int, default=1000, help="of each task; default: 1000")
     parser.add_argument("--seed", type=int, default=HELD_OUT_SEED, help="of the first episode")
-    parser.add_argument("--checkpoint", help="of meta_rl: file, folder, gentle; default: the shipped one")
+    parser.add_argument("--checkpoint", help="of meta_rl: file, folder, gentle, hold; default: the shipped one")
     parser.add_argument("--json", type=Path, help="write the summaries here too")
     arguments = parser.parse_args(argv)
     try:

@@ -23,7 +23,7 @@ from lerobot_spacedock.dataset.segments import Segment, pieces
 from lerobot_spacedock.dataset.selection import best, score
 from lerobot_spacedock.dataset.statistics import vector_statistics
 from lerobot_spacedock.errors import InputError
-from lerobot_spacedock.expert.checkpoint import GENTLE, find_checkpoint
+from lerobot_spacedock.expert.checkpoint import GENTLE, HOLD, find_checkpoint
 from lerobot_spacedock.files import aside, remove_abandoned
 
 _KICKS = KickConfig(probability=0.12)
@@ -48,6 +48,13 @@ KINDS: dict[str, dict[str, Any]] = {
     "oversampled": {"kicks": _KICKS, "initial_conditions": "random", "segment": "last:10m", "repeat_terminal": 2},
     # the same of the paper's task: no contact, 65 steps
     "kicked_paper": {"kicks": _KICKS, "env_id": "SpaceDock-v0"},
+    # the same by the teacher that stops at the port, from wider starts: configs/demos_horizon_cpu.yaml
+    "kicked_hold": {
+        "kicks": _KICKS,
+        "initial_conditions": "random",
+        "env_id": "SpaceDock-v0",
+        "checkpoint": HOLD,
+    },
     # the slower meta-RL teacher, that of configs/demos_cpu.yaml
     "kicked_gentle": {"kicks": _KICKS, "initial_conditions": "random", "checkpoint": GENTLE},
     # other teachers

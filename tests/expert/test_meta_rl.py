@@ -10,7 +10,15 @@ from tensordict import TensorDict
 
 from lerobot_spacedock.env.config import TaskConfig
 from lerobot_spacedock.errors import FileFormatError, InputError
-from lerobot_spacedock.expert.checkpoint import GENTLE, find_checkpoint, load_actor, save_actor, training_counts
+from lerobot_spacedock.expert.checkpoint import (
+    GENTLE,
+    HOLD,
+    NAMED,
+    find_checkpoint,
+    load_actor,
+    save_actor,
+    training_counts,
+)
 from lerobot_spacedock.expert.evaluate import HELD_OUT_SEED, TASKS, fly
 from lerobot_spacedock.expert.features import FEATURE_DIM, actor_features
 from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
@@ -177,7 +185,7 @@ def test_impossible_shapes_are_refused(wrong):
 
 
 def test_the_shipped_checkpoints_are_small():
-    for shipped in (None, GENTLE):
+    for shipped in (None, *NAMED):
         assert find_checkpoint(shipped).stat().st_size < 1_000_000
         assert training_counts("meta_rl", shipped)["interactions"] > 10_000_000
 
@@ -190,6 +198,14 @@ def test_the_shipped_experts_dock(name, checkpoint):
     assert flights.miss_m.mean() < (0.05 if "meta" in name else 0.02)
     if checkpoint == GENTLE and "contact" in name:
         assert flights.smoothness.mean() < 1.35
+
+
+@pytest.mark.parametrize("name", ["fixed same", "fixed random"])
+def test_the_one_that_holds_is_at_the_port_at_the_last_step_whenever_it_came(name):
+    flights = fly(MetaRlPolicy.load(HOLD), TASKS[name], range(HELD_OUT_SEED, HELD_OUT_SEED + 100))
+    assert flights.miss_m.max() < 0.06
+    assert abs(flights.closing_m_s).max() < 0.02
+    assert flights.smoothness.mean() < 2.5
 
 
 def test_the_shipped_expert_docks_at_the_other_port_as_well():

@@ -73,8 +73,9 @@ class ExpertConfig(PreTrainedConfig):
 class SpaceDockMetaRlConfig(ExpertConfig):
     """The recurrent meta-RL policy."""
 
-    # .safetensors of spacedock train-expert (its .json beside it), or gentle: the slower one that ships with the
-    # package, for docking without a deadline; left out, the one that ships for the 65 steps of SpaceDock-v0
+    # .safetensors of spacedock train-expert (its .json beside it), or the name of another that ships: gentle, slower,
+    # for docking without a deadline; hold, which stops at the port within the 65 steps of SpaceDock-v0. Left out, the
+    # one that passes the port after them
     checkpoint: str | None = None
     # sample the commands as in training, instead of flying their mean
     stochastic: bool = False
