@@ -24,8 +24,8 @@ NAMED = (GENTLE, HOLD)  # the others that ship, by name
 
 
 def find_checkpoint(given: str | Path | None = None) -> Path:
-    """The ``.safetensors`` file of a checkpoint: None is the shipped one, a name in ``NAMED`` another that ships, else a
-    file or a folder with a ``policy.safetensors``; it need not exist."""
+    """The ``.safetensors`` file of a checkpoint: None is the shipped one, a name in ``NAMED`` another that ships, else
+    a file or a folder with a ``policy.safetensors``; it need not exist."""
     if given is None:
         return SHIPPED
     if str(given) in NAMED:
