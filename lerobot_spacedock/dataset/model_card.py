@@ -28,7 +28,8 @@ def write_model_card(
     Args:
         folder: its ``pretrained_model``.
         repo_id: user/name.
-        log_dir: episode logs of its evaluation; results are only on the card where there are logs.
+        log_dir: episode logs of its evaluation, in the folder or in folders below it, a task or a set of starts each;
+            results are only on the card where there are logs.
         license_id: by the hub's short name.
         tags: of the card.
 
@@ -91,7 +92,7 @@ def _results(log_dir: str | None) -> tuple[list[str], str]:
     if log_dir is None:
         return [], "Not measured: pushed without `--log_dir`."
     rows: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for path in sorted(Path(log_dir).glob("episode_*.parquet")):
+    for path in sorted(Path(log_dir).rglob("episode_*.parquet")):
         log, metrics = measured(path)
         key = (str(log.metadata.get("env_id")), str(log.metadata.get("initial_conditions")))
         stated = {name: log.metadata.get(name) for name in ("outcome", "seed")}
@@ -117,17 +118,17 @@ def _results(log_dir: str | None) -> tuple[list[str], str]:
     lines += ["", "Docked: inside the IDSS box. Every episode counts; intervals are Clopper and Pearson's."]
     if seeds:
         lines.append(f"Seeds {min(seeds)} to {max(seeds)}." if len(seeds) > 1 else f"Seed {seeds[0]}.")
-    command = _evaluation(Path(log_dir))
-    if command:
-        lines += [f"Measured by\n\n```bash\n{command}\n```"]
+    commands = _evaluations(Path(log_dir))
+    if commands:
+        lines += ["Measured by\n\n```bash\n{}\n```".format("\n".join(commands))]
     flown = Counter(task for (task, _), episodes in rows.items() for _ in episodes)
     return [task for task, _ in flown.most_common()], "\n".join(lines)
 
 
-def _evaluation(log_dir: Path) -> str | None:
-    """The command that the evaluation has left beside its logs."""
-    path = log_dir / POLICY_FILE
-    return read_object(path).get("command") if path.exists() else None
+def _evaluations(log_dir: Path) -> list[str]:
+    """The commands that the evaluations have left beside their logs."""
+    stated = [read_object(path).get("command") for path in sorted(log_dir.rglob(POLICY_FILE))]
+    return [str(command) for command in stated if command]
 
 
 def _training(policy: dict[str, Any], training: dict[str, Any]) -> str:

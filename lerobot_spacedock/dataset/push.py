@@ -48,7 +48,7 @@ class PushConfig:
     large: str = "auto"
     # push although the check found errors
     force: bool = False
-    # policy: episode logs of its evaluation, whose results go on the card
+    # policy: episode logs of its evaluation, in this folder or in folders below it, whose results go on the card
     log_dir: str | None = None
 
 

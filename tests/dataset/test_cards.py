@@ -109,6 +109,19 @@ def test_a_models_card_shows_the_command_that_measured_it(log_folder, tmp_path):
     assert "```bash\nlerobot-eval --policy.n_action_steps=1\n```" in text
 
 
+def test_a_models_card_shows_every_evaluation_below_the_folder(log_folder, flights, tmp_path):
+    (tmp_path / "config.json").write_text(json.dumps({"type": "act"}))
+    for name in ("first", "second"):
+        logs = tmp_path / "evaluations" / name / "episodes"
+        logs.mkdir(parents=True)
+        for path in log_folder.iterdir():
+            (logs / path.name).write_bytes(path.read_bytes())
+        (logs / "policy.json").write_text(json.dumps({"command": f"lerobot-eval --output_dir={name}"}))
+    text = write_model_card(tmp_path, "a/b", str(tmp_path / "evaluations"), license_id="mit").read_text()
+    assert f"| {2 * len(flights)} | {2 * len(docked_of(flights))} of {2 * len(flights)}," in text
+    assert "lerobot-eval --output_dir=first\nlerobot-eval --output_dir=second\n" in text
+
+
 @pytest.mark.parametrize(
     ("config", "train"),
     [
