@@ -68,6 +68,8 @@ KINDS: dict[str, dict[str, Any]] = {
         "env_id": "SpaceDockMeta-v0",
         "checkpoint": GENTLE,
     },
+    # the same by a teacher without memory, whose command is a function of what the student sees
+    "kicked_meta_W": {"kicks": _KICKS, "initial_conditions": "random", "env_id": "SpaceDockMeta-v0", "expert": "W"},
 }
 FIRST_SEED = 500_000  # where configs/demos_cpu.yaml begins; evaluations begin at 1000 and at 900,000
 SEEDS_EACH = 10_000  # training seed s flies from FIRST_SEED + s * SEEDS_EACH on
