@@ -60,8 +60,8 @@ class SweepConfig:
     # axis: training seed; each flies demonstrations of its own
     seeds: list[int] = field(default_factory=lambda: [0])
     # axis: kinds of demonstrations: clean | sampled | wide_starts | kicked_same | kicked | kicked_quiet | noisy |
-    # terminal | oversampled | kicked_paper | kicked_hold | kicked_gentle | kicked_W | kicked_V | kicked_mpc |
-    # kicked_meta | kicked_meta_W
+    # terminal | oversampled | sampled_paper | kicked_paper | kicked_hold | kicked_gentle | kicked_W | kicked_V |
+    # kicked_mpc | kicked_meta | kicked_meta_W
     demonstrations: list[str] = field(default_factory=lambda: ["kicked"])
     # axis: how many of them
     num_demonstrations: list[int] = field(default_factory=lambda: [100])

@@ -46,7 +46,8 @@ KINDS: dict[str, dict[str, Any]] = {
     # the last ten metres alone, and shown twice more
     "terminal": {"kicks": _KICKS, "initial_conditions": "random", "segment": "last:10m"},
     "oversampled": {"kicks": _KICKS, "initial_conditions": "random", "segment": "last:10m", "repeat_terminal": 2},
-    # the same of the paper's task: no contact, 65 steps
+    # of the paper's task (no contact, 65 steps): sampled actions, as its recipe has them, and kicks
+    "sampled_paper": {"expert": "meta_rl_sampled", "env_id": "SpaceDock-v0"},
     "kicked_paper": {"kicks": _KICKS, "env_id": "SpaceDock-v0"},
     # the same by the teacher that stops at the port, from wider starts: configs/demos_horizon_cpu.yaml
     "kicked_hold": {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -63,3 +63,14 @@ def check_row(row: Mapping[str, Any]) -> None:
     median = row["closing_m_s"]["median"]
     if median is not None and not math.isfinite(median):
         raise ValueError(f"closing_m_s median {median!r}")
+
+
+def per_seed(rows: Sequence[Mapping[str, Any]], cell: Callable[[Mapping[str, Any]], str]) -> str:
+    """A table's cell: a value a row (a training seed), or the one that all of them share."""
+    found = [cell(row) for row in rows]
+    return found[0] if len(set(found)) == 1 else " / ".join(found)
+
+
+def cm(distance_m: float) -> str:
+    """Centimetres, to the millimetre below a metre."""
+    return f"{100.0 * distance_m:.{1 if distance_m < 1.0 else 0}f}"

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_spacedock.errors import InputError, SpaceDockError
-from lerobot_spacedock.study.results import read_trials
+from lerobot_spacedock.study.results import cm, per_seed, read_trials
 
 Rows = dict[tuple[Any, ...], list[dict[str, Any]]]
 
@@ -55,7 +55,7 @@ def table(trials: list[dict[str, Any]], tasks: Sequence[str] = (), coefficients:
     """The Markdown table."""
     vary, found = group(trials, tasks, coefficients)
     head = [*(name.replace("_", " ") for name in vary), "task", "coefficient"]
-    head += ["IDSS box, %", "contact, %", "distance mean, cm", "p95, cm", "closing speed, m/s", "smoothness"]
+    head += ["docked, %", "reached the plane, %", "distance mean, cm", "p95, cm", "closing speed, m/s", "smoothness"]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     order = {key: place for place, key in enumerate(found)}
     numbers = [place for place, name in enumerate(vary) if all(isinstance(key[place], int | float) for key in found)]
@@ -64,20 +64,15 @@ def table(trials: list[dict[str, Any]], tasks: Sequence[str] = (), coefficients:
         *values, task, coefficient = key
         cells = [str(value) for value in values] + [task, "newest" if coefficient is None else f"{coefficient:+g}"]
         cells += [
-            _seeds(rows, lambda row: 100.0 * row["idss"] / row["episodes"], ".0f"),
-            _seeds(rows, lambda row: 100.0 * row["contact"] / row["episodes"], ".0f"),
-            _seeds(rows, lambda row: 100.0 * row["distance_m"]["mean"], ".1f"),
-            _seeds(rows, lambda row: 100.0 * row["distance_m"]["p95"], ".1f"),
-            _seeds(rows, lambda row: row["closing_m_s"]["median"], ".3f"),
-            _seeds(rows, lambda row: row["smoothness"]["mean"], ".2f"),
+            per_seed(rows, lambda row: f"{100.0 * row['idss'] / row['episodes']:.0f}"),
+            per_seed(rows, lambda row: f"{100.0 * row['contact'] / row['episodes']:.0f}"),
+            per_seed(rows, lambda row: cm(row["distance_m"]["mean"])),
+            per_seed(rows, lambda row: cm(row["distance_m"]["p95"])),
+            per_seed(rows, lambda row: "–" if (v := row["closing_m_s"]["median"]) is None else f"{v:.3f}"),
+            per_seed(rows, lambda row: f"{row['smoothness']['mean']:.2f}"),
         ]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
-
-
-def _seeds(rows: list[dict[str, Any]], value: Any, form: str) -> str:
-    found = ["–" if (number := value(row)) is None else format(number, form) for row in rows]
-    return found[0] if len(set(found)) == 1 else " / ".join(found)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
