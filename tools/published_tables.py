@@ -1,7 +1,8 @@
 """Writes the tables of a document anew from the results in git: python tools/published_tables.py docs/results.md
 
 A table stands between <!-- table: COMMAND --> and <!-- end -->, COMMAND being what follows
-"python -m lerobot_spacedock.study." on the command line. With --check nothing is written; it exits 1 where a table differs.
+"python -m lerobot_spacedock.study." on the command line. With --check nothing is written; it exits 1 where a table
+differs.
 """
 
 import argparse
