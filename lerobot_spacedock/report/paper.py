@@ -25,6 +25,9 @@ ACCURACY = (
     PaperAccuracy("RL, paper", (1.391, 1.557, 1.738, 1.810), (0.092, 0.100, 0.110, 0.1241)),
 )
 
+# mean over all 100 of its ACT's published rollouts from `random`; its script drops those that end farther than 4 m away
+RANDOM_DISTANCE_m = 5.59
+
 
 @dataclass(frozen=True)
 class PaperSmoothness:

@@ -14,11 +14,15 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.physics.contact import IDSS
 from lerobot_spacedock.report.figures.style import INK, LIMIT, Figure, Panel, run_style, write_paper_files
-from lerobot_spacedock.report.paper import ACCURACY, SMOOTHNESS
+from lerobot_spacedock.report.paper import ACCURACY, RANDOM_DISTANCE_m, SMOOTHNESS
 from lerobot_spacedock.study.results import read_trials
 
-PAPERS_TASK = "SpaceDock-v0/same"
-PAPERS_ACT = (SMOOTHNESS[1].mean, ACCURACY[1].distance_m[0])  # its rollouts from `same` starts
+# smoothness and mean distance of the paper's ACT, by its rollouts
+PAPERS_ACT = {
+    "SpaceDock-v0/same": (SMOOTHNESS[1].mean, ACCURACY[1].distance_m[0]),
+    "SpaceDock-v0/random": (SMOOTHNESS[0].mean, RANDOM_DISTANCE_m),
+}
+FIXED_HORIZON = "SpaceDock-v0/"
 LEROBOTS = 0.01  # LeRobot's and the authors' coefficient
 
 
@@ -95,21 +99,21 @@ def _draw(axes: Any, *, task: str, kind: str, chunks: list[int], by_task: dict[s
             axes.plot(*rows[coefficient], ".", color=style["color"], alpha=0.35, markersize=3)
             if coefficient == LEROBOTS:
                 axes.plot(*mean, "o", markersize=10, markerfacecolor="none", markeredgecolor=style["color"])
-    if task == PAPERS_TASK:
-        axes.plot(*PAPERS_ACT, "*", color=INK, markersize=11, label="paper's ACT", linestyle="none")
-    else:
+    if task in PAPERS_ACT:
+        axes.plot(*PAPERS_ACT[task], "*", color=INK, markersize=11, label="paper's ACT", linestyle="none")
+    if not task.startswith(FIXED_HORIZON):
         axes.axhline(IDSS.lateral_m, color=LIMIT, linewidth=0.9, linestyle="--", label="IDSS lateral limit")
     axes.set_xscale("log")
     axes.set_yscale("log")
     _same_limits(axes, task, by_task)
     axes.set_xlabel("mean ‖Δa‖, Eq. 4 (less is smoother)")
-    axes.set_ylabel("mean ‖r_K‖ (m)" if task == PAPERS_TASK else "mean distance at the end (m)")
+    axes.set_ylabel("mean ‖r_K‖ (m)" if task.startswith(FIXED_HORIZON) else "mean distance at the end (m)")
     axes.legend(loc="best", fontsize=7.5)
 
 
 def _same_limits(axes: Any, task: str, by_task: dict[str, dict]) -> None:
     """Every panel of a row has the same axes, with numbers as people write them."""
-    points = [np.array(PAPERS_ACT)[:, None]] if task == PAPERS_TASK else []
+    points = [np.array(PAPERS_ACT[task])[:, None]] if task in PAPERS_ACT else []
     points += [np.array(numbers) for rows in by_task[task].values() for numbers in rows.values()]
     together = np.concatenate(points, axis=1)
     for low, high, set_limits, axis in zip(
