@@ -14,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.physics.contact import IDSS
 from lerobot_spacedock.report.figures.style import INK, LIMIT, Figure, Panel, run_style, write_paper_files
-from lerobot_spacedock.report.paper import ACCURACY, RANDOM_DISTANCE_m, SMOOTHNESS
+from lerobot_spacedock.report.paper import ACCURACY, SMOOTHNESS, RANDOM_DISTANCE_m
 from lerobot_spacedock.study.results import read_trials
 
 # smoothness and mean distance of the paper's ACT, by its rollouts

@@ -229,7 +229,7 @@ def test_logs_become_rows_and_a_table(tmp_path, capsys):
     (row,) = json.loads((tmp_path / "w.json").read_text())
     assert (row["run"], row["starts"], row["idss"], row["contact"], row["episodes"]) == ("W", "random", 3, 3, 3)
     shown = capsys.readouterr()
-    assert "| W | random | 3 of 3 [29.2, 100.0] % | 3 |" in shown.out
+    assert "| W | random | 3 [29.2, 100.0] | 3 |" in shown.out
     assert "surplus/episode_000003.parquet" in shown.err, "left out and named"
     assert main(["--runs", f"W={tmp_path}/nothing"]) == 2
 
