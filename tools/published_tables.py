@@ -15,7 +15,7 @@ from pathlib import Path
 
 from lerobot_spacedock.study import summarize, table
 
-BLOCK = re.compile(r"(<!-- table: (.+?) -->\n\n).*?(\n\n<!-- end -->)", flags=re.S)
+BLOCK = re.compile(r"(<!-- table: ([^\n]+?) -->\n\n)(?:(?!<!--).)*?(\n\n<!-- end -->)", flags=re.S)
 COMMANDS = {"summarize": summarize.main, "table": table.main}
 
 
@@ -31,6 +31,9 @@ def printed(command: str) -> str:
 
 def refreshed(text: str) -> str:
     """The document with every table as its command prints it."""
+    blocks = BLOCK.findall(text)
+    if not len(blocks) == text.count("<!-- table:") == text.count("<!-- end -->"):
+        raise SystemExit("a table's marker lacks its end, or the empty line beside it")
     return BLOCK.sub(lambda block: block[1] + printed(block[2]) + block[3], text)
 
 

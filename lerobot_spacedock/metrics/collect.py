@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -66,6 +67,11 @@ class EpisodeSet:
     def __len__(self) -> int:
         return len(self.names)
 
+    @property
+    def training_seeds(self) -> int:
+        """How many folders the episodes came from."""
+        return len(np.unique(self.folder))
+
     def values(self, name: str) -> np.ndarray:
         """The defined values of a metric, (M,), M ≤ N."""
         column = self.columns[name]
@@ -110,7 +116,7 @@ def collect(
         Episodes by set of initial conditions (``unspecified`` where a log does not say), and what was left out.
 
     Raises:
-        InputError: episodes of several tasks, whose numbers cannot be put together.
+        InputError: episodes of several tasks, or one episode twice in a folder: what flew them cannot be one run.
     """
     jobs = [(i, batch) for i, files in enumerate(folders) for batch in batched(files, BATCH)]
     total = sum(len(files) for files in folders)
@@ -131,6 +137,12 @@ def collect(
     if len(joined.tasks) > 1:
         given = ", ".join(f"{task} ({path})" for task, path in sorted(joined.tasks.items()))
         raise InputError("a run's episodes", given, "one task a run", "Name the folder of each task apart.")
+    for name, rows in joined.rows.items():
+        twice = [key for key, count in Counter(row[:2] for row in rows).items() if count > 1]
+        if twice:
+            _, file = twice[0]
+            mend = "The folder holds several evaluations: name the folder of each."
+            raise InputError("a run's episodes", f"{file} from {name!r} twice in one folder", "each once", mend)
     return {name: _assemble(joined, name) for name in joined.rows}, joined.exclusions
 
 

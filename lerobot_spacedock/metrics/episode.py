@@ -15,13 +15,12 @@ from lerobot_spacedock.metrics.effort import effort
 from lerobot_spacedock.metrics.smoothness import smoothness
 from lerobot_spacedock.physics import rotations
 from lerobot_spacedock.physics.constants import THRUST_LIMIT_N, TORQUE_LIMIT_Nm
-from lerobot_spacedock.physics.contact import ZVEZDA_AFT, Port, contact_report, contact_state, get_port
+from lerobot_spacedock.physics.contact import ZVEZDA_AFT, Port, contact_report, contact_state, get_port, relative_rate
 from lerobot_spacedock.physics.frames import (
     DEG_TO_RAD,
     MASS,
     POSITION,
     QUATERNION,
-    RATE,
     VELOCITY,
     state_from_dataset_units,
 )
@@ -66,6 +65,12 @@ def hill_coupled(metadata: Mapping[str, Any]) -> bool:
         if isinstance(source, Mapping) and "hill_coupling" in source:
             return bool(source["hill_coupling"])
     return False
+
+
+def ends_at_contact(metadata: Mapping[str, Any]) -> bool:
+    """Whether the episode's task is to touch the port, so that who did not reach its plane has not docked."""
+    config = metadata.get("config")
+    return isinstance(config, Mapping) and config.get("contact") is True
 
 
 def corridor_of(metadata: Mapping[str, Any]) -> tuple[float, float]:
@@ -152,7 +157,11 @@ def inference(log: EpisodeLog) -> dict[str, float | None]:
 
 
 def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
-    """Every number of one episode: the names of ``catalog.NAMES``, then each IDSS and ATV condition."""
+    """Every number of one episode: the names of ``catalog.NAMES``, then each IDSS and ATV condition.
+
+    Where the task ends at contact and the plane was not reached, there is no contact: its numbers are ``None``, and the
+    episode is outside the boxes. The conditions one by one are then those of the last state.
+    """
     port = port_of(log.metadata)
     state = state_from_dataset_units(log.state)
     position, velocity = state[:, POSITION], state[:, VELOCITY]
@@ -161,7 +170,12 @@ def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
     at_plane = abs(float(contact.get("axial_m", np.inf))) <= AT_PLANE_TOLERANCE_M
     crossed = crossing is not None or (at_plane and isinstance(log.metadata.get("contact"), Mapping))
     outside = corridor_margin(position, port, *corridor_of(log.metadata)) < 0.0
-    idss, limits = bool(contact["idss"]), limits_of(log.metadata)
+    limits = limits_of(log.metadata)
+    # a chaser that hovers before the port may be in the box, and has touched nothing
+    touched = crossed or not ends_at_contact(log.metadata)
+    idss = bool(contact["idss"]) and touched
+    # of the chaser as the station sees it: what the docking conditions limit
+    final_rate = relative_rate(state[-1], hill_coupling=hill_coupled(log.metadata)) / DEG_TO_RAD
     stated_success = log.metadata.get("success")
     clipped = log.metadata.get("clipped_actions")
     row: dict[str, float | bool | None] = {
@@ -171,11 +185,12 @@ def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
         "final_distance_m": float(np.linalg.norm(position[-1])),
         "final_speed_m_s": float(np.linalg.norm(velocity[-1])),
         "final_misalignment_deg": misalignment_deg(state[-1, QUATERNION], port),
-        "final_rate_deg_s": float(np.linalg.norm(log.state[-1, RATE])),
+        "final_rate_deg_s": float(np.linalg.norm(final_rate)),
+        "final_closing_m_s": float(-port.axis_sign * velocity[-1, 1]),
         "closest_approach_m": closest_approach(position),
         "crossed": crossed,
         "crossing_time_s": crossing[0] if crossing else (float(log.time[-1]) if crossed else None),
-        **{name: abs(float(contact[name])) if "roll" in name else float(contact[name]) for name in CONTACT_NUMBERS},
+        **{name: _contact_number(contact, name) if touched else None for name in CONTACT_NUMBERS},
         "success": bool(stated_success) if stated_success is not None else idss,
         "idss": idss,
         "atv": bool(contact["atv"]) if "atv" in contact else None,
@@ -190,6 +205,11 @@ def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
     }
     ordered = {name: row[name] for name in NAMES}
     return ordered | {name: _flag(contact.get(name)) for name in (*IDSS_CONDITIONS, *ATV_CONDITIONS)}
+
+
+def _contact_number(contact: Mapping[str, Any], name: str) -> float:
+    value = float(contact[name])
+    return abs(value) if "roll" in name else value
 
 
 def _flag(value: object) -> bool | None:

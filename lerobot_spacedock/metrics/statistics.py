@@ -56,8 +56,8 @@ class Summary:
     p75: float | None = None
     p95: float | None = None
     p99: float | None = None
-    best: float | None = None
-    worst: float | None = None
+    min: float | None = None
+    max: float | None = None
 
 
 def finite(values: Sequence[float] | np.ndarray, what: str = "values") -> np.ndarray:

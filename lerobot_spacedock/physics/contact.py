@@ -87,6 +87,22 @@ ATV = ContactBox((0.05, 0.10), 0.10, None, None, None, None, None)
 BOXES = {"idss": IDSS, "atv": ATV}
 
 
+def relative_rate(
+    state: np.ndarray, *, hill_coupling: bool, mean_motion_rad_s: float = MEAN_MOTION_rad_s
+) -> np.ndarray:
+    """Angular velocity of the chaser against the station, body axes. SI states (..., 14) → rad/s, (..., 3).
+
+    Args:
+        state: SI with rad/s, (..., 14).
+        hill_coupling: the state's rates are inertial and the station turns with the Hill frame; False: it does not.
+        mean_motion_rad_s: rad/s, of that turning.
+    """
+    omega = state[..., RATE]
+    if not hill_coupling:
+        return omega
+    return omega - rotations.rotate_inverse(state[..., QUATERNION], np.array([0.0, 0.0, mean_motion_rad_s]))
+
+
 def contact_state(
     state: np.ndarray,
     port: Port = ZVEZDA_AFT,
@@ -107,14 +123,13 @@ def contact_state(
         ``pitch_yaw_deg``, ``roll_deg`` (signed), ``pitch_yaw_rate_deg_s``, ``roll_rate_deg_s`` (signed).
     """
     state = np.asarray(state, dtype=np.float64)
-    r, v, q_HB, omega = (state[..., part] for part in (POSITION, VELOCITY, QUATERNION, RATE))
+    r, v, q_HB = (state[..., part] for part in (POSITION, VELOCITY, QUATERNION))
+    omega = relative_rate(state, hill_coupling=hill_coupling, mean_motion_rad_s=mean_motion_rad_s)
     # error of attitude, body axes of the nominal attitude: swing away from the docking axis, twist about it
     error = rotations.multiply(rotations.conjugate(np.array(port.q_nominal)), q_HB)
     swing = 2.0 * np.arctan2(np.hypot(error[..., 1], error[..., 2]), np.hypot(error[..., 0], error[..., 3]))
     twist = 2.0 * np.arctan2(error[..., 3], error[..., 0])
     twist = (twist + np.pi) % (2.0 * np.pi) - np.pi
-    if hill_coupling:
-        omega = omega - rotations.rotate_inverse(q_HB, np.array([0.0, 0.0, mean_motion_rad_s]))
     return {
         "axial_m": port.axis_sign * r[..., 1],
         "closing_speed_m_s": -port.axis_sign * v[..., 1],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -98,7 +99,7 @@ def stated_options(cfg: ReportConfig) -> dict[str, object]:
 
 def _reference(stated: str | None, labels: list[str]) -> str | None:
     if stated is None:
-        return next((label for label in labels if "mpc" in label.lower()), None)
+        return next((label for label in labels if re.match(r"mpc\b", label, re.IGNORECASE)), None)
     if stated not in labels:
         raise InputError("--reference", stated, " | ".join(labels))
     return stated

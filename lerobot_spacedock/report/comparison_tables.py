@@ -19,7 +19,7 @@ from lerobot_spacedock.metrics.statistics import (
     welch,
 )
 from lerobot_spacedock.report.model import Run, Study
-from lerobot_spacedock.report.table import DASH, Cell, Table, integer, interval, number, p_value
+from lerobot_spacedock.report.table import DASH, Cell, Table, integer, interval, number, p_value, percent
 
 COMPARED = ("final_distance_m", "final_speed_m_s", "smoothness", "delta_v_m_s")
 STATISTICS = {
@@ -47,6 +47,7 @@ def intervals_table(study: Study, resamples: int) -> Table:
     notes = (
         f"Brackets: 95 % percentile bootstrap intervals, {resamples:,} resamples of episodes, fixed seed. High "
         "percentiles of few episodes hang on the worst one or two: their intervals end there.",
+        *study.pooled(),
         *sorted(remarks),
     )
     return Table("intervals", "Bootstrap intervals", head, tuple(rows), notes, 3)
@@ -77,8 +78,9 @@ def pairs_table(study: Study) -> Table:
         (*row, p_value(adjusted), *effects) for (row, effects), adjusted in zip(drafts, holm(raw), strict=True)
     )
     notes = (
-        "Negative effect: the first run's values are smaller, which is better in every one of these metrics. Holm: "
+        "Negative effect: the first run's values are smaller. Holm: "
         "over all Mann–Whitney tests of this table. Where Shapiro p is small, lean on Mann–Whitney and Cliff's δ.",
+        *study.pooled(),
         *sorted(remarks),
     )
     return Table("pairs", "Runs compared", head, rows, notes if rows else ("One run: nothing to compare.",), 3)
@@ -108,21 +110,25 @@ def matched_table(study: Study) -> Table:
 
 def seeds_table(study: Study) -> Table | None:
     """Spread over training seeds, for runs of several; ``None`` where there is none."""
-    names = (*COMPARED, "idss")
-    head = ("set", "run", "training seeds", *(f"{_named(name)}" for name in names))
+    head = ("set", "run", "training seeds", *map(_named, COMPARED), f"{_named('idss')}, each seed")
     rows = []
     for conditions, run, e in study.groups():
-        if len(run.spec.folders) < 2:
+        if e.training_seeds < 2:
             continue
+        seeds = np.unique(e.folder)
         cells = []
-        for name in names:
-            means = [_mean(e, name, seed) for seed in np.unique(e.folder)]
+        for name in COMPARED:
+            means = [_mean(own) for own in _by_seed(e, name, seeds)]
             s = spread_over_seeds([m for m in means if m is not None])
             cells.append(interval(s.estimate, s.low, s.high))
-        rows.append((conditions, run.label, integer(len(np.unique(e.folder))), *cells))
+        docked = [(int(np.nansum(own)), int(np.sum(~np.isnan(own)))) for own in _by_seed(e, "idss", seeds)]
+        shares = Cell(" / ".join(f"{percent(*count)} %" for count in docked if count[1]), [k for k, _ in docked])
+        rows.append((conditions, run.label, integer(len(seeds)), *cells, shares))
     if not rows:
         return None
-    notes = ("Mean over training seeds of each seed's mean, with Student's 95 % interval over seeds.",)
+    notes = (
+        "Mean over training seeds of each seed's mean, with Student's 95 % interval over seeds; shares one by one.",
+    )
     return Table("seeds", "Spread over training seeds", head, tuple(rows), notes, 2)
 
 
@@ -158,8 +164,11 @@ def _paired_row(
     return [*row, number(test.statistic, 1)], test.p
 
 
-def _mean(episodes: EpisodeSet, name: str, seed: int) -> float | None:
-    values = episodes.columns[name][episodes.folder == seed]
+def _by_seed(episodes: EpisodeSet, name: str, seeds: np.ndarray) -> list[np.ndarray]:
+    return [episodes.columns[name][episodes.folder == seed] for seed in seeds]
+
+
+def _mean(values: np.ndarray) -> float | None:
     values = values[~np.isnan(values)]
     return float(values.mean()) if len(values) else None
 

@@ -18,17 +18,33 @@ INTERVALS = "Brackets: 95 % Clopper–Pearson intervals."
 
 def at_a_glance(study: Study) -> Table:
     """The few numbers that a reader asks for first."""
-    head = ("set", "run", "episodes", "IDSS box", "median ‖r_K‖ (m)", "median miss at contact (m)", "‖Δa‖", "Δv (m/s)")
+    head = (
+        "set",
+        "run",
+        "episodes",
+        "IDSS box",
+        "median ‖r_K‖ (m)",
+        "median miss at contact (m), of",
+        "‖Δa‖",
+        "Δv (m/s)",
+    )
     rows = []
     for conditions, run, e in study.groups():
-        medians = [
-            summarize(e.values(name)).median for name in ("final_distance_m", "lateral_m", "smoothness", "delta_v_m_s")
-        ]
-        rows.append((conditions, run.label, integer(len(e)), flag_share(e, "idss"), *(number(m) for m in medians)))
+        miss = e.values("lateral_m")
+        distance, smoothness, delta_v = (
+            number(summarize(e.values(name)).median) for name in ("final_distance_m", "smoothness", "delta_v_m_s")
+        )
+        at_contact = number(summarize(miss).median)
+        at_contact = Cell(f"{at_contact.text}, {len(miss)}", at_contact.value)
+        shares = integer(len(e)), flag_share(e, "idss")
+        rows.append((conditions, run.label, *shares, distance, at_contact, smoothness, delta_v))
     notes = (
         "IDSS box: all initial contact conditions of the International Docking System Standard, at the state that the "
-        "log names as contact; without one at the crossing of the port plane; without a crossing at the last state, "
-        "with the whole distance in place of the lateral one. The miss is measured there too. " + INTERVALS,
+        "log names as contact, else at the crossing of the port plane. Where the task is to touch the port, a flight "
+        "that never reached its plane is outside the box and has no miss: the count beside the median says of how many "
+        "it is. In the fixed-horizon task the state is the last one, and the box limits the whole distance. "
+        + INTERVALS,
+        *study.pooled(),
     )
     return Table("glance", "Headline numbers", head, tuple(rows), notes, 2)
 
@@ -42,7 +58,7 @@ def ladder(study: Study) -> Table:
         for run, e in study.flown(conditions):
             distance = e.values("final_distance_m")
             cells = [_share(int(np.sum(distance <= tolerance)), len(distance)) for tolerance in LADDER_M]
-            rows.append((conditions, run.label, integer(len(e)), *cells, number(summarize(distance).best)))
+            rows.append((conditions, run.label, integer(len(e)), *cells, number(summarize(distance).min)))
         stated = {t: values for (name, t), values in paper.SHARES.items() if name == conditions}
         if stated:
             for place, (method, best) in enumerate((("ACT, paper", 0.18), ("ACT, paper's rollouts", 0.186))):
@@ -67,14 +83,18 @@ def conditions_table(study: Study) -> Table:
             plain = name.partition("_")[2].replace("_", " ") or "all together"
             cells = (flag_share(e, name) for _, _, e in groups)
             rows.append((total.upper(), plain, _limit(box, name.partition("_")[2]), *cells))
-    notes = (INTERVALS, "Limits hold on the limit itself. ATV: the probe-and-drogue envelope at Zvezda aft.")
+    notes = (
+        INTERVALS,
+        "Limits hold on the limit itself. Of a flight that reached no plane, the conditions one by one are of its "
+        "last state. ATV: closing speed and lateral offset alone of the probe-and-drogue limits at Zvezda aft.",
+    )
     return Table("conditions", "Docking conditions, one by one", head, tuple(rows), notes, 3)
 
 
 def contact_table(study: Study) -> Table:
     """The state in which the boxes were judged: mean and 95th percentile."""
     chosen = [BY_NAME[name] for name in CONTACT_NUMBERS]
-    head = ("set", "run", "crossed the plane", *(f"{m.label} ({m.unit})" for m in chosen))
+    head = ("set", "run", "crossed the plane", "n", *(f"{m.label} ({m.unit})" for m in chosen))
     rows = []
     for conditions, run, e in study.groups():
         cells = []
@@ -82,8 +102,13 @@ def contact_table(study: Study) -> Table:
             s = summarize(e.values(metric.name))
             text = f"{number(s.mean).text} / {number(s.p95).text}"
             cells.append(Cell(text, {"mean": s.mean, "p95": s.p95, "n": s.n}))
-        rows.append((conditions, run.label, flag_share(e, "crossed"), *cells))
-    notes = ("Mean / 95th percentile over all episodes. Roll and its rate: absolute values. " + INTERVALS,)
+        counted = integer(len(e.values("lateral_m")))
+        rows.append((conditions, run.label, flag_share(e, "crossed"), counted, *cells))
+    notes = (
+        "Mean / 95th percentile over the n episodes that have such a state: where the task is to touch the port, those "
+        "that crossed its plane; in the fixed-horizon task all, at the last state. Roll and its rate: absolute values. "
+        + INTERVALS,
+    )
     return Table("contact", "State at contact", head, tuple(rows), notes, 2)
 
 

@@ -39,7 +39,10 @@ def effort_table(study: Study) -> Table:
             clipped = float(e.values("clipped_actions").sum() / steps) if steps else None
             shares = (_percent(saturated), _percent(clipped))
             rows.append((conditions, run.label, integer(len(e)), *cells, number(ratio, 2), *shares))
-    notes = ["Mean ± sample standard deviation. “–”: not tracked by the log's maker."]
+    notes = [
+        "Mean ± sample standard deviation. “–”: not tracked by the log's maker. Δv, impulses and peaks are of the "
+        "commands; propellant is of what was executed.",
+    ]
     if study.reference is None:
         notes.append("No run is named as reference (--reference): no ratio.")
     return Table("effort", "Effort", head, tuple(rows), tuple(notes), 2)
@@ -53,8 +56,8 @@ def smoothness_table(study: Study) -> Table:
         for conditions, run, e in study.groups()
     ]
     notes = (
-        "Mean ± sample standard deviation. Eq. 4 adds N² and N·m² under one root, and grows with the step length; the "
-        "columns to its right do neither.",
+        "Mean ± sample standard deviation. Eq. 4 adds N² and (N·m)² under one root, and, as every change from step to "
+        "step, grows with the step length; the columns per second do not.",
     )
     return Table("smoothness", "Smoothness, thrust and torque apart", head, tuple(rows), notes, 2)
 

@@ -65,6 +65,17 @@ class Study:
             for run, episodes in self.flown(conditions):
                 yield conditions, run, episodes
 
+    def pooled(self) -> tuple[str, ...]:
+        """What a reader of intervals and tests has to know where a run has several training seeds; else nothing."""
+        runs = sorted({run.label for _, run, episodes in self.groups() if episodes.training_seeds > 1})
+        if not runs:
+            return ()
+        return (
+            f"{', '.join(runs)}: episodes of several training seeds, taken together as if they were independent. The "
+            "intervals and tests are of these networks, not of training again: for that see the spread over training "
+            "seeds.",
+        )
+
     def colour(self, run: Run) -> int:
         """Place of a run, which fixes its colour, line and marker in every figure."""
         return self.runs.index(run)

@@ -55,7 +55,8 @@ def _runs(study: Study) -> str:
     items = []
     for place, run in enumerate(study.runs):
         counts = ", ".join(f"{name}: {len(episodes):,}" for name, episodes in run.sets.items())
-        seeds = f"; {len(run.spec.folders)} training seeds" if len(run.spec.folders) > 1 else ""
+        trained = max(episodes.training_seeds for episodes in run.sets.values())
+        seeds = f"; {trained} training seeds" if trained > 1 else ""
         items.append(
             f"<li>{_swatch(place)}<b>{html.escape(run.label)}</b> <span>{html.escape(counts + seeds)}</span></li>"
         )

@@ -154,6 +154,7 @@ def table4(study: Study) -> Table:
         "the sample's (n − 1).",
         "The last row recomputes Welch's test from the printed means and spreads; the paper states "
         f"df = {paper.WELCH_DF}.",
+        *study.pooled(),
         *sorted(remarks),
     )
     return Table("table4", "Table 4. Smoothness of the commands", head, tuple(rows), notes, 2, frozenset(reference))

@@ -10,8 +10,7 @@ import numpy as np
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import MissingDependencyError
 from lerobot_spacedock.metrics.crossing import range_rate
-from lerobot_spacedock.metrics.episode import hill_coupled, port_of
-from lerobot_spacedock.metrics.smoothness import COMMAND_LIMITS
+from lerobot_spacedock.metrics.episode import hill_coupled, limits_of, port_of
 from lerobot_spacedock.physics import rotations
 from lerobot_spacedock.physics.contact import BOXES, IDSS, box_conditions, contact_state
 from lerobot_spacedock.physics.frames import (
@@ -165,8 +164,9 @@ def _log_motion(rr, recording, log: EpisodeLog, state: np.ndarray) -> None:
     xyzw = state[:, QUATERNION][:, [1, 2, 3, 0]]
     pose = rr.Transform3D.columns(translation=state[:, POSITION], quaternion=xyzw)
     recording.send_columns("world/chaser", _times(rr, log.time), pose)
-    thrust = rotations.rotate(state[:-1, QUATERNION], log.action[:, :3] / COMMAND_LIMITS[0] * ARROW_m)
-    torque = rotations.rotate(state[:-1, QUATERNION], log.action[:, 3:] / COMMAND_LIMITS[3] * ARROW_m)
+    limits = limits_of(log.metadata)
+    thrust = rotations.rotate(state[:-1, QUATERNION], log.action[:, :3] / limits[:3] * ARROW_m)
+    torque = rotations.rotate(state[:-1, QUATERNION], log.action[:, 3:] / limits[3:] * ARROW_m)
     for name, vectors, colour in (("thrust", thrust, THRUST_COLOUR), ("torque", torque, TORQUE_COLOUR)):
         recording.log(f"world/{name}", rr.Arrows3D.from_fields(colors=[colour]), static=True)
         columns = rr.Arrows3D.columns(vectors=vectors, origins=state[:-1, POSITION])

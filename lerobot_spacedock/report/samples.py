@@ -19,7 +19,7 @@ from lerobot_spacedock.report.runs import split_pairs
 
 EPISODE_KEYS = ("episodes", "training_episodes", "num_episodes")
 DEMONSTRATION_KEYS = ("demonstrations", "demonstration_interactions", "flown_episodes")
-INTERACTION_KEYS = ("interactions", "training_interactions", "env_steps", "steps")
+INTERACTION_KEYS = ("interactions", "training_interactions", "env_steps")
 
 
 def read_samples(

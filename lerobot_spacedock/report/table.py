@@ -73,11 +73,19 @@ def p_value(p: float | None) -> Cell:
     return Cell((f"{p:.3f}" if p >= 0.001 else f"{p:.1e}").replace("-", "−"), float(p))
 
 
+def percent(successes: int, n: int) -> str:
+    """A share in per cent, to a tenth where it is no whole number; never rounded to 100 or to 0."""
+    text = f"{100.0 * successes / n:.1f}".removesuffix(".0")
+    if 0 < successes < n:
+        text = {"100": "> 99.9", "0": "< 0.1"}.get(text, text)
+    return text
+
+
 def share(successes: int, n: int, low: float | None, high: float | None) -> Cell:
-    """``k/n = share % [low, high]``, the interval in per cent."""
+    """``share % [low, high]``, the interval in per cent; 100 and 0 are said of all and of none alone."""
     if n == 0 or low is None or high is None:
         return Cell(f"{DASH} (0 episodes)", {"successes": successes, "n": n, "share": None})
-    text = f"{100 * successes / n:.0f} % [{100 * low:.1f}, {100 * high:.1f}]"
+    text = f"{percent(successes, n)} % [{100 * low:.1f}, {100 * high:.1f}]"
     return Cell(text, {"successes": successes, "n": n, "share": successes / n, "low": low, "high": high})
 
 

@@ -8,7 +8,6 @@ one throughout. Logs are left in OUT/MODE/STARTS, so ``spacedock report`` can go
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,10 +20,11 @@ from lerobot.scripts.lerobot_eval import eval_policy
 
 from lerobot_spacedock.adapters import SpaceDockEnvConfig
 from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.report.runs import PATTERN
 from lerobot_spacedock.study.picture_use import CAMERA, load_pictures, load_policy
-from lerobot_spacedock.study.summarize import summarize_folder, table
+from lerobot_spacedock.study.summarize import summarize_folder, table, write_rows
 
-MODES = ("seen", "shuffled", "blank")
+MODES = {"seen": "pictures seen", "shuffled": "shuffled", "blank": "blank"}  # each with its name in the table
 Observation = dict[str, Any]
 
 
@@ -71,7 +71,15 @@ def fly(
     coefficient: float = 0.01,
     task: str = "SpaceDockContact-v0",
 ) -> list[dict[str, Any]]:
-    """Flies a stock ACT checkpoint on seeds from 1000, as ``lerobot-eval`` does; rows as of ``summarize_folder``."""
+    """Flies a stock ACT checkpoint on seeds from 1000, as ``lerobot-eval`` does; rows as of ``summarize_folder``.
+
+    Raises:
+        InputError: a number of episodes that does not fill batches, or a folder that holds episodes already.
+    """
+    if episodes < 1:
+        raise InputError("--episodes", episodes, "1 or more")
+    if next(log_dir.glob(PATTERN), None):
+        raise InputError("--out", str(log_dir), "a folder without episodes", "Name another, or take them away.")
     if episodes % min(batch_size, episodes):  # outside LeRobot's commands nothing marks what only fills a batch
         raise InputError("--episodes", episodes, f"up to {batch_size}, or a multiple of it")
     policy, before, after = load_policy(checkpoint)
@@ -87,7 +95,7 @@ def fly(
         eval_policy(env, policy, replace, nothing, before, after, episodes, start_seed=1000)
     finally:
         env.close()
-    return summarize_folder(mode, log_dir)
+    return summarize_folder(MODES[mode], log_dir)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -110,13 +118,12 @@ def main(argv: Sequence[str] | None = None) -> int:
                 folder = arguments.out / mode / starts
                 options = {"episodes": arguments.episodes, "task": arguments.task}
                 rows += fly(arguments.checkpoint, pictures, mode, starts, folder, **options)
+                if arguments.json:
+                    write_rows(arguments.json, rows)  # after each: the next takes minutes
     except SpaceDockError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(table(rows))
-    if arguments.json:
-        arguments.json.parent.mkdir(parents=True, exist_ok=True)
-        arguments.json.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return 0
 
 

@@ -16,6 +16,7 @@ from lerobot_spacedock.physics.contact import IDSS
 from lerobot_spacedock.report.figures.style import INK, LIMIT, Figure, Panel, run_style, write_paper_files
 from lerobot_spacedock.report.paper import ACCURACY, SMOOTHNESS, RANDOM_DISTANCE_m
 from lerobot_spacedock.study.results import read_trials
+from lerobot_spacedock.study.table import group
 
 # smoothness and mean distance of the paper's ACT, by its rollouts
 PAPERS_ACT = {
@@ -23,6 +24,7 @@ PAPERS_ACT = {
     "SpaceDock-v0/random": (SMOOTHNESS[0].mean, RANDOM_DISTANCE_m),
 }
 FIXED_HORIZON = "SpaceDock-v0/"
+DRAWN = ("demonstrations", "chunk_size")  # a panel each, a curve each
 LEROBOTS = 0.01  # LeRobot's and the authors' coefficient
 
 
@@ -45,6 +47,11 @@ class FigureConfig:
 def sweep_figure(config: FigureConfig) -> int:
     """Runs the verb; see the module."""
     trials = read_trials([Path(path) for path in config.results])
+    vary, _ = group(trials)
+    if others := [name for name in vary if name not in DRAWN]:
+        given = f"trials that differ in {', '.join(others)} too"
+        mend = "Its points would be means over those: python -m lerobot_spacedock.study.table shows them apart."
+        raise InputError("--results", given, f"trials that differ in {', '.join(DRAWN)} and seed alone", mend)
     by_task = {task: frontier(trials, task) for task in config.tasks}
     for task, curves in by_task.items():
         if not curves:

@@ -20,6 +20,7 @@ def read_trials(paths: Sequence[Path]) -> list[dict[str, Any]]:
     Raises:
         InputError: no file was named, or one is not there.
         FileFormatError: one is no result of a sweep.
+        InputError: the same trial twice, which would pass for another training seed.
     """
     if not paths:
         raise InputError("--results", "nothing", "one JSON file or more, as spacedock sweep writes them")
@@ -34,6 +35,12 @@ def read_trials(paths: Sequence[Path]) -> list[dict[str, Any]]:
                 for row in trial["rows"]:
                     check_row(row)
         trials += found
+    seen: dict[str, None] = {}
+    for trial in trials:
+        point = json.dumps(trial["point"], sort_keys=True)
+        if point in seen:
+            raise InputError("--results", f"the trial {point} twice", "files whose trials differ")
+        seen[point] = None
     return trials
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_spacedock.errors import InputError, SpaceDockError, reading
+from lerobot_spacedock.files import write_text
 from lerobot_spacedock.metrics.collect import collect
 from lerobot_spacedock.report.runs import log_files
 from lerobot_spacedock.study.results import cm, per_seed
@@ -32,7 +33,7 @@ def summarize_folder(name: str, folder: Path) -> list[dict[str, Any]]:
     """A row for each set of starts in a folder of episode logs.
 
     Raises:
-        InputError: there is no episode.
+        InputError: there is no episode, or one twice.
     """
     found, left_out = collect([log_files(folder)], workers=1)
     for exclusion in left_out:
@@ -71,7 +72,8 @@ def _docked(row: dict[str, Any]) -> str:
 
 
 def _spread(row: dict[str, Any]) -> str:
-    return f"{row['smoothness']['mean']:.2f} ± {row['smoothness']['std']:.2f}"
+    mean, std = row["smoothness"]["mean"], row["smoothness"]["std"]
+    return "–" if mean is None else f"{mean:.2f}" if std is None else f"{mean:.2f} ± {std:.2f}"
 
 
 def read_rows(paths: Sequence[Path]) -> list[dict[str, Any]]:
@@ -94,6 +96,13 @@ def read_rows(paths: Sequence[Path]) -> list[dict[str, Any]]:
     return rows
 
 
+def write_rows(path: Path, rows: list[dict[str, Any]]) -> None:
+    """Writes rows as JSON, one a line, aside and renamed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    lines = ",\n".join(json.dumps(row, ensure_ascii=False) for row in rows)
+    write_text(path, f"[\n{lines}\n]\n", shared=True)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line."""
     parser = argparse.ArgumentParser(prog="python -m lerobot_spacedock.study.summarize", description=__doc__)
@@ -114,9 +123,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     print(table(rows))
     if arguments.out:
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        lines = ",\n".join(json.dumps(row, ensure_ascii=False) for row in rows)
-        arguments.out.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
+        write_rows(arguments.out, rows)
     return 0
 
 

@@ -6,9 +6,11 @@ that nobody has taken; one that was killed leaves a trial behind that the next s
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import socket
+import warnings
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -71,7 +73,11 @@ def open_study(config: SweepConfig) -> optuna.Study:
     Raises:
         InputError: the study was made with other axes.
     """
-    sampler = optuna.samplers.TPESampler(seed=0) if config.sampler == "tpe" else optuna.samplers.RandomSampler(seed=0)
+    # without a seed: processes of one storage that all drew the same would try the same; what others are at counts
+    tpe = config.sampler == "tpe"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)  # constant_liar
+        sampler = optuna.samplers.TPESampler(constant_liar=True) if tpe else optuna.samplers.RandomSampler()
     study = optuna.create_study(
         study_name=config.name,
         storage=_storage(config),
@@ -121,15 +127,19 @@ def requeue_abandoned(study: optuna.Study) -> int:
     """Puts the trials of processes of this machine that are no more back into the queue; returns how many."""
     abandoned = [trial for trial in study.get_trials(states=(TrialState.RUNNING,)) if not _alive(trial)]
     for trial in abandoned:
-        study.tell(trial.number, state=TrialState.FAIL)
-    for trial in abandoned:
+        with contextlib.suppress(ValueError):  # another process found it too, and was first
+            study.tell(trial.number, state=TrialState.FAIL)
         if POINT in trial.user_attrs:
-            _enqueue(study, trial.user_attrs[POINT], again=True)
+            _enqueue(study, trial.user_attrs[POINT])
     return len(abandoned)
 
 
-def _enqueue(study: optuna.Study, point: dict[str, Any], *, again: bool = False) -> None:
-    study.enqueue_trial(point, user_attrs={POINT: point}, skip_if_exists=not again)
+def _enqueue(study: optuna.Study, point: dict[str, Any]) -> None:
+    """Puts a point into the queue, unless it waits there, runs, or is done: what only ever failed comes again."""
+    states = (TrialState.WAITING, TrialState.RUNNING, TrialState.COMPLETE)
+    trials = study.get_trials(deepcopy=False, states=states)
+    if all(trial.user_attrs.get(POINT) != point for trial in trials):
+        study.enqueue_trial(point, user_attrs={POINT: point})
 
 
 def _alive(trial: FrozenTrial) -> bool:
@@ -171,7 +181,7 @@ def _work(study: optuna.Study, config: SweepConfig) -> None:
                 result = run_trial(point, config)
             except BaseException:
                 study.tell(trial, state=TrialState.FAIL)
-                _enqueue(study, point, again=True)
+                _enqueue(study, point)
                 raise
             trial.set_user_attr(RESULT, result)
             study.tell(trial, _values(result, config))

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.report.table import percent
 from lerobot_spacedock.study.results import cm, per_seed, read_trials
 
 Rows = dict[tuple[Any, ...], list[dict[str, Any]]]
@@ -64,8 +65,8 @@ def table(trials: list[dict[str, Any]], tasks: Sequence[str] = (), coefficients:
         *values, task, coefficient = key
         cells = [str(value) for value in values] + [task, "newest" if coefficient is None else f"{coefficient:+g}"]
         cells += [
-            per_seed(rows, lambda row: f"{100.0 * row['idss'] / row['episodes']:.0f}"),
-            per_seed(rows, lambda row: f"{100.0 * row['contact'] / row['episodes']:.0f}"),
+            per_seed(rows, lambda row: percent(row["idss"], row["episodes"])),
+            per_seed(rows, lambda row: percent(row["contact"], row["episodes"])),
             per_seed(rows, lambda row: cm(row["distance_m"]["mean"])),
             per_seed(rows, lambda row: cm(row["distance_m"]["p95"])),
             per_seed(rows, lambda row: "–" if (v := row["closing_m_s"]["median"]) is None else f"{v:.3f}"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -53,10 +54,13 @@ def run_trial(point: dict[str, Any], config: SweepConfig) -> dict[str, Any]:
 
 
 def summary(episodes: list[dict[str, Any]]) -> dict[str, Any]:
-    """What a table and a figure need of all episodes of one task; nothing is dropped. Metres, m/s, N and N·m mixed."""
+    """What a table and a figure need of all episodes of one task; nothing is dropped. Metres, m/s, N and N·m mixed.
 
-    def of(name: str, *statistics: str) -> dict[str, float]:
-        found = summarize([float(episode[name]) for episode in episodes], name)
+    An episode of one command has no smoothness; it counts in the rest.
+    """
+
+    def of(name: str, *statistics: str) -> dict[str, float | None]:
+        found = summarize([float(episode[name]) for episode in episodes if _defined(episode[name])], name)
         return {statistic: _short(getattr(found, statistic)) for statistic in statistics}
 
     idss = clopper_pearson(sum(bool(episode["idss"]) for episode in episodes), len(episodes))
@@ -65,12 +69,16 @@ def summary(episodes: list[dict[str, Any]]) -> dict[str, Any]:
         "idss": sum(bool(episode["idss"]) for episode in episodes),
         "idss_interval": [_short(idss.low), _short(idss.high)],
         "contact": sum(bool(episode["crossed"]) for episode in episodes),
-        "distance_m": of("final_distance_m", "mean", "median", "p75", "p95", "p99", "best"),
+        "distance_m": of("final_distance_m", "mean", "median", "p75", "p95", "p99", "min"),
         "speed_m_s": of("final_speed_m_s", "mean", "p75", "p95", "p99"),
-        "closing_m_s": of("closing_speed_m_s", "best", "median", "worst"),
+        "closing_m_s": of("final_closing_m_s", "min", "median", "max"),
         "smoothness": of("smoothness", "mean", "std"),
         "steps": of("steps", "mean"),
     }
+
+
+def _defined(value: float | None) -> bool:
+    return value is not None and not math.isnan(value)
 
 
 def _short(value: float | None) -> float | None:

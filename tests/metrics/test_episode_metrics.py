@@ -19,7 +19,9 @@ from lerobot_spacedock.metrics.effort import effort
 from lerobot_spacedock.metrics.episode import corridor_margin, episode_metrics
 from lerobot_spacedock.metrics.smoothness import smoothness
 from lerobot_spacedock.metrics.visitation import CELL_M, count_cells, density, merge
+from lerobot_spacedock.physics.constants import MEAN_MOTION_rad_s
 from lerobot_spacedock.physics.contact import HARMONY_FORWARD, ZVEZDA_AFT
+from lerobot_spacedock.physics.rotations import multiply
 
 NOMINAL = np.array([math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0])
 
@@ -139,8 +141,12 @@ def test_good_docking_and_each_way_to_spoil_it():
     assert not wide["idss"]
     assert not wide["atv"]
     assert wide["fly_through"]
-    rolled = flags(q=np.array([math.cos(0.05), 0, 0, math.sin(0.05)]))
-    assert not rolled["idss_roll"] or not rolled["idss_pitch_yaw"]
+    rolled = flags(q=multiply(NOMINAL, np.array([math.cos(0.05), 0, 0, math.sin(0.05)])))  # 5.7° about the port axis
+    assert not rolled["idss_roll"]
+    assert rolled["idss_pitch_yaw"]
+    tilted = flags(q=multiply(NOMINAL, np.array([math.cos(0.05), math.sin(0.05), 0, 0])))
+    assert tilted["idss_roll"]
+    assert not tilted["idss_pitch_yaw"]
     spinning = flags(w=(0.0, 0.0, 0.25))
     assert not spinning["idss_roll_rate"]
     assert spinning["idss_pitch_yaw_rate"]
@@ -161,6 +167,26 @@ def test_an_episode_that_never_crosses_is_judged_at_its_last_state_with_its_whol
     assert not short["idss_lateral"]
     assert not short["idss"]
     assert short["final_distance_m"] == pytest.approx(0.3)
+
+
+def test_who_hovers_before_the_port_has_not_docked_where_the_task_is_to_touch_it():
+    contact = {"config": {"contact": True, "hill_coupling": True}}
+    hover = episode_metrics(make_log([-0.2, -0.12, -0.05], vy=0.07, metadata=contact))
+    assert not hover["idss"]
+    assert not hover["success"]
+    assert hover["idss_lateral"], "the conditions one by one are of the last state"
+    assert hover["lateral_m"] is None
+    assert hover["closing_speed_m_s"] is None
+    assert hover["final_closing_m_s"] == pytest.approx(0.07)
+
+
+def test_the_rate_at_the_end_is_against_the_station():
+    turning = math.degrees(MEAN_MOTION_rad_s)  # about the orbit normal, −y of the body at the nominal attitude
+    coupled = {"config": {"hill_coupling": True}}
+    stands_still = make_log([-0.2, -0.1], w=(0.0, -turning, 0.0), metadata=coupled)
+    assert episode_metrics(stands_still)["final_rate_deg_s"] == pytest.approx(0.0, abs=1e-12)
+    alone = make_log([-0.2, -0.1], w=(0.0, -turning, 0.0))
+    assert episode_metrics(alone)["final_rate_deg_s"] == pytest.approx(turning)
 
 
 def test_what_the_log_states_of_its_contact_comes_first():

@@ -14,10 +14,12 @@ from lerobot_spacedock.episode_log import iterate_episode_logs, log_path, write_
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.metrics.collect import collect
 from lerobot_spacedock.report.build import ReportConfig, load_study, report
-from lerobot_spacedock.report.comparison_tables import matched_table, seeds_table
+from lerobot_spacedock.report.comparison_tables import matched_table, pairs_table, seeds_table
+from lerobot_spacedock.report.docking_tables import at_a_glance
 from lerobot_spacedock.report.figures.style import panel_svgs
+from lerobot_spacedock.report.page import render_page
 from lerobot_spacedock.report.runs import log_files, parse_runs
-from lerobot_spacedock.report.table import Cell, Table, number, p_value, to_json, to_latex, to_markdown
+from lerobot_spacedock.report.table import Cell, Table, number, p_value, percent, to_json, to_latex, to_markdown
 from lerobot_spacedock.report.write import make_figures, make_tables
 
 
@@ -69,9 +71,9 @@ def test_table_3_is_the_percentiles_of_the_last_states(logs, numbers):
     ours = row(numbers, "table3", set="same", method="ACT")
     assert ours["n"] == 12
     assert ours["‖r_K‖ mean (m)"] == pytest.approx(distance.mean())
-    for percent in (75, 95, 99):
-        assert ours[f"‖r_K‖ {percent} % (m)"] == pytest.approx(np.percentile(distance, percent))
-        assert ours[f"‖v_K‖ {percent} % (m/s)"] == pytest.approx(np.percentile(speed, percent))
+    for part in (75, 95, 99):
+        assert ours[f"‖r_K‖ {part} % (m)"] == pytest.approx(np.percentile(distance, part))
+        assert ours[f"‖v_K‖ {part} % (m/s)"] == pytest.approx(np.percentile(speed, part))
 
 
 def test_the_papers_numbers_stand_beside_ours(numbers):
@@ -190,7 +192,7 @@ def test_the_same_logs_give_the_same_page(logs, page, tmp_path):
 
 
 def test_many_processes_read_what_one_reads(logs):
-    files = [[*log_files(logs / "act"), *log_files(logs / "rl")] * 3]
+    files = [log_files(logs / "act"), log_files(logs / "rl")] * 3
     alone, _ = collect(files, workers=1)
     together, left_out = collect(files, workers=2)
     assert len(left_out) == 9
@@ -273,8 +275,38 @@ def test_training_seeds_are_pooled_and_their_spread_is_over_seeds(tmp_path):
     episodes = study.runs[0].sets["same"]
     means = [episodes.columns["smoothness"][episodes.folder == k].mean() for k in range(3)]
     smooth = r[seeds_table(study).head.index("‖Δa‖ (Eq. 4) (N, N·m mixed)")].value
+    assert study.runs[0].sets["same"].training_seeds == 3
+    assert "as if they were independent" in " ".join(pairs_table(study).notes + at_a_glance(study).notes)
+    assert r[-1].text.count(" / ") == 2, "the docked share of each seed"
     half = stats.t.ppf(0.975, 2) * np.std(means, ddof=1) / np.sqrt(3)
     assert (smooth["low"], smooth["high"]) == pytest.approx((np.mean(means) - half, np.mean(means) + half))
+
+
+def test_folders_of_different_starts_are_no_training_seeds(tmp_path):
+    write_run(tmp_path / "a", range(2))
+    write_run(tmp_path / "b", range(2), initial_conditions="random")
+    study = load_study(ReportConfig(runs=[f"ACT={tmp_path / 'a'},{tmp_path / 'b'}"]))
+    assert seeds_table(study) is None
+    assert study.pooled() == ()
+    assert "training seeds" not in render_page(study, "t", [], [])
+
+
+def test_two_evaluations_in_one_folder_are_not_one_run(tmp_path):
+    write_run(tmp_path / "act", range(2))
+    write_run(tmp_path / "mpc", range(2))
+    with pytest.raises(InputError, match="twice in one folder"):
+        load_study(ReportConfig(runs=[f"ACT={tmp_path}"]))
+
+
+@pytest.mark.parametrize(
+    ("labels", "reference"),
+    [(["ACT from MPC", "MPC"], "MPC"), (["ACT", "mpc, free time"], "mpc, free time"), (["ACT from MPC"], None)],
+)
+def test_the_reference_is_the_run_that_is_called_mpc(tmp_path, labels, reference):
+    for i in range(len(labels)):
+        write_run(tmp_path / str(i), range(2))
+    words = [f"{label}={tmp_path / str(i)}" for i, label in enumerate(labels)]
+    assert load_study(ReportConfig(runs=words)).reference == reference
 
 
 @pytest.mark.parametrize(
@@ -331,6 +363,9 @@ def test_numbers_are_shown_without_hiding_them():
     assert number(None).text == "–"
     assert p_value(0.0).text == "< 1e−300"
     assert p_value(3e-9).text == "3.0e−09"
+    assert [percent(*count) for count in ((100, 100), (996, 1000), (2999, 3000), (1, 3000), (0, 5))] == [
+        "100", "99.6", "> 99.9", "< 0.1", "0",
+    ]  # fmt: skip
 
 
 def test_tables_escape_what_their_format_reserves():

@@ -73,6 +73,10 @@ def test_whole_episodes_fly_with_it(tmp_path):
         mode: fly(tmp_path / "act", PICTURES, mode, "same", tmp_path / mode, episodes=2, task="SpaceDock-v0")
         for mode in ("seen", "blank")
     }
-    for mode, (row,) in rows.items():
-        assert (row["run"], row["episodes"], row["steps"]["mean"]) == (mode, 2, 65)
+    for name, (row,) in zip(("pictures seen", "blank"), rows.values(), strict=True):
+        assert (row["run"], row["episodes"], row["steps"]["mean"]) == (name, 2, 65)
+    with pytest.raises(InputError, match="a folder without episodes"):
+        fly(tmp_path / "act", PICTURES, "seen", "same", tmp_path / "seen", episodes=2)
+    with pytest.raises(InputError, match="1 or more"):
+        fly(tmp_path / "act", PICTURES, "seen", "same", tmp_path / "other", episodes=0)
     assert rows["seen"][0]["distance_m"] != rows["blank"][0]["distance_m"]

@@ -44,7 +44,7 @@ def test_a_table_that_differs_is_found_and_mended(published, tmp_path):
 
 
 def row(run, starts, docked, distance):
-    episode = {"final_distance_m": distance, "final_speed_m_s": 0.08, "closing_speed_m_s": 0.08, "smoothness": 1.0}
+    episode = {"final_distance_m": distance, "final_speed_m_s": 0.08, "final_closing_m_s": 0.08, "smoothness": 1.0}
     episodes = [episode | {"idss": i < docked, "crossed": True, "steps": 70} for i in range(10)]
     return {"run": run, "starts": starts} | summary(episodes)
 

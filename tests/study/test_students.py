@@ -123,6 +123,6 @@ def test_batched_episodes_are_those_of_lerobot_eval(frames, coefficient, tmp_pat
     assert [episode["success"] for episode in stock["per_episode"]] == [episode["success"] for episode in batched]
     for one, other in zip(single, batched, strict=True):
         assert one["steps"] == other["steps"]
-        for name in ("final_distance_m", "final_speed_m_s", "smoothness", "pitch_yaw_deg"):
+        for name in ("final_distance_m", "final_speed_m_s", "smoothness", "final_misalignment_deg"):
             assert one[name] == pytest.approx(other[name], rel=1e-4, abs=1e-5), name
     assert len({episode["final_distance_m"] for episode in batched}) == 3

@@ -161,7 +161,7 @@ def test_a_summary_counts_every_episode():
     row = {
         "crossed": True,
         "final_speed_m_s": 0.07,
-        "closing_speed_m_s": 0.07,
+        "final_closing_m_s": 0.07,
         "smoothness": 1.3,
         "steps": 66,
     }
@@ -170,7 +170,7 @@ def test_a_summary_counts_every_episode():
     assert (found["idss"], found["episodes"], found["contact"]) == (9, 10, 10)
     assert found["idss_interval"] == pytest.approx([0.5550, 0.9975], abs=1e-4)  # Clopper and Pearson, 9 of 10
     assert found["distance_m"]["mean"] == pytest.approx(0.055)
-    assert found["distance_m"]["best"] == pytest.approx(0.01)
+    assert found["distance_m"]["min"] == pytest.approx(0.01)
 
 
 def test_the_figure_has_a_curve_for_each_chunk_with_all_its_seeds(config, monkeypatch, tmp_path):
@@ -188,6 +188,46 @@ def test_the_figure_has_a_curve_for_each_chunk_with_all_its_seeds(config, monkey
         sweep_figure(dataclasses.replace(drawn, demonstrations=["tidy"]))
     with pytest.raises(InputError, match="--tasks"):
         sweep_figure(dataclasses.replace(drawn, tasks=["SpaceDockMeta-v0/same"]))
+    longer = dataclasses.replace(
+        config, name="longer", steps=[4000], chunk_sizes=[5], results=str(tmp_path / "longer.json")
+    )
+    sweep(longer)
+    with pytest.raises(InputError, match="differ in steps"):  # its points would be means over two lengths of training
+        sweep_figure(dataclasses.replace(drawn, results=[config.results, longer.results]))
+    with pytest.raises(InputError, match="twice"):  # the same trial would pass for another seed
+        read_trials([Path(config.results), Path(config.results)])
+
+
+def test_a_point_that_only_ever_failed_comes_into_the_queue_again_and_no_other(config):
+    study = open_study(config)
+    point = config.points()[0]
+    sweep_module._enqueue(study, point)
+    sweep_module._enqueue(study, point)
+    assert len(study.trials) == 1
+    study.tell(study.ask(), state=TrialState.FAIL)
+    sweep_module._enqueue(study, point)  # a process was killed between telling of the failure and this
+    assert [trial.state for trial in study.trials] == [TrialState.FAIL, TrialState.WAITING]
+    trial = study.ask()
+    sweep_module._enqueue(study, point)
+    study.tell(trial, (1.0, 1.0))
+    sweep_module._enqueue(study, point)
+    assert [trial.state for trial in study.trials] == [TrialState.FAIL, TrialState.COMPLETE]
+
+
+def test_two_processes_that_find_the_same_dead_trial_are_both_content(config, monkeypatch):
+    study = open_study(config)
+    point = config.points()[0]
+    sweep_module._enqueue(study, point)
+    trial = study.ask()
+    trial.set_user_attr(OWNER, (socket.gethostname(), 2**22 + 1, None))
+    stale = study.get_trials(states=(TrialState.RUNNING,))
+    assert requeue_abandoned(study) == 1
+    real = study.get_trials
+    monkeypatch.setattr(
+        study, "get_trials", lambda **options: stale if options.get("deepcopy", True) else real(**options)
+    )
+    assert requeue_abandoned(study) == 1  # as the second process saw it
+    assert [trial.state for trial in real()] == [TrialState.FAIL, TrialState.WAITING]
 
 
 def test_a_file_that_is_no_result_is_named(tmp_path):
