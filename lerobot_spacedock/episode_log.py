@@ -4,7 +4,8 @@ Columns ``step, time, dt, x..w3, Tx..Lz, reward``; units as in ``physics/frames.
 **deg/s**. Row ``k`` holds the state before step ``k`` and the command, step length and reward of that
 step; the last row is the terminal state, whose command, ``dt`` and ``reward`` are null. File metadata
 ``spacedock`` is a JSON object (``METADATA_KEYS``). Further float columns are allowed: kept in
-``EpisodeLog.extra``, passed over by whoever does not know them.
+``EpisodeLog.extra``, passed over by whoever does not know them. Where sensors err, ``observed_x`` … hold what
+the policy saw; ``x`` … are always the truth.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from lerobot_spacedock.physics.frames import ACTION_NAMES, STATE_NAMES
 
 COLUMNS = ("step", "time", "dt", *STATE_NAMES, *ACTION_NAMES, "reward")
 POLICY_FILE = "policy.json"  # beside the logs of an evaluation under LeRobot: what flew
+OBSERVED = "observed_"  # begins the names of what the policy saw, where that is not the truth
 SURPLUS_FOLDER = "surplus"  # beside them too: episodes that only filled the last vector batch
 MAX_STATES = 1_000_000  # eleven days of steps; a file that claims more is no episode
 METADATA_KEYS = (

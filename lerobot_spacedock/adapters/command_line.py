@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -105,13 +105,12 @@ def trained_picture_size() -> tuple[int, int] | None:
     Raises:
         FileFormatError: the file that would say so is damaged.
     """
-    for option, file, key in (
-        ("dataset.root", "meta/info.json", "features"),
-        ("policy.path", "config.json", "input_features"),
+    dataset = dataset_folder(command_option("dataset.root"), command_option("dataset.repo_id"))
+    for option, path, key in (
+        ("dataset", None if dataset is None else dataset / "meta" / "info.json", "features"),
+        ("policy.path", policy_file("config.json"), "input_features"),
     ):
-        folder = command_option(option)
-        path = Path(folder).expanduser() / file if folder else None
-        if path is None or not path.is_file():
+        if path is None:
             continue
         with reading(path, f"what --{option} holds"):
             feature = read_object(path).get(key, {}).get(f"{OBS_IMAGES}.camera")
@@ -119,6 +118,50 @@ def trained_picture_size() -> tuple[int, int] | None:
                 rows, columns = (size for size in feature["shape"] if size != 3)
                 return int(rows), int(columns)
     return None
+
+
+def policy_file(name: str) -> Path | None:
+    """A file of the policy that the command flies: of its folder, or of what was fetched of its hub repository."""
+    from huggingface_hub import try_to_load_from_cache
+
+    given = command_option("policy.path")
+    if not given:
+        return None
+    folder = Path(given).expanduser()
+    if folder.exists():
+        return folder / name if (folder / name).is_file() else None
+    revision = command_option("policy.pretrained_revision")
+    return _cached(lambda: try_to_load_from_cache(given, name, revision=revision))
+
+
+def dataset_folder(root: str | None, repo_id: str | None) -> Path | None:
+    """Where a dataset lies: the folder that was named, LeRobot's own for its name, or what was fetched of the hub."""
+    from lerobot.utils.constants import HF_LEROBOT_HOME, HF_LEROBOT_HUB_CACHE
+
+    folders = [Path(root).expanduser()] if root else []
+    folders += [HF_LEROBOT_HOME / repo_id] if repo_id else []
+    for folder in folders:
+        if (folder / "meta" / "info.json").is_file():
+            return folder
+    if root or not repo_id:
+        return None
+    from huggingface_hub import try_to_load_from_cache
+    from lerobot.datasets.dataset_metadata import CODEBASE_VERSION
+
+    where = {"repo_type": "dataset", "cache_dir": HF_LEROBOT_HUB_CACHE}
+    where["revision"] = command_option("dataset.revision") or CODEBASE_VERSION
+    info = _cached(lambda: try_to_load_from_cache(repo_id, "meta/info.json", **where))
+    return None if info is None else info.parents[1]
+
+
+def _cached(look: Callable[[], object]) -> Path | None:
+    from huggingface_hub.errors import HFValidationError
+
+    try:
+        found = look()
+    except HFValidationError:  # no name of a repository
+        return None
+    return Path(found) if isinstance(found, str) else None
 
 
 def refuse_missing_checkpoint() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -65,7 +66,8 @@ class SpaceDockEnvConfig(EnvConfig):
 
     # gymnasium id: SpaceDock-v0 | SpaceDockContact-v0 | SpaceDockMeta-v0 | SpaceDockVision-v0
     task: str | None = "SpaceDock-v0"
-    # frames a second of the evaluation videos (the task's steps vary in length, about 0.9 s each)
+    # frames a second of the evaluation videos, one a step (the task's steps vary in length, about 0.9 s each); 1 where
+    # an evaluation is recorded as a dataset
     fps: int = 1
 
     # same | random | same_dispersed | wide: where episodes start
@@ -130,6 +132,9 @@ class SpaceDockEnvConfig(EnvConfig):
     def __post_init__(self) -> None:
         config = self.space_dock_config()
         self.features = {ACTION: PolicyFeature(type=FeatureType.ACTION, shape=(ACTION_DIM,))}
+        if not (isinstance(self.fps, int) and self.fps >= 1):
+            with option_errors():
+                raise InputError("--env.fps", self.fps, "1 or more")
         if config.uses_camera:
             self._check_picture_size()
             shape = (config.camera.height, config.camera.width, 3)
@@ -174,7 +179,14 @@ class SpaceDockEnvConfig(EnvConfig):
         Raises:
             InputError: the log folder holds the episodes of another evaluation.
         """
+        if self.space_dock_config().uses_camera:
+            self._check_picture_size()  # again: by now LeRobot has fetched what a hub repository holds
         folder = self._log_folder()
+        if folder is None and command_line.running_command() is not None:
+            print(
+                "No episode logs: they go to OUTPUT_DIR/episodes with --output_dir, or to --env.log_dir.",
+                file=sys.stderr,
+            )
         options = self.gym_kwargs | {"log_dir": None if folder is None else str(folder)}
         options["disable_env_checker"] = self.disable_env_checker
         one = freeze_after_episode_end(partial(make_env, self.gym_id, options))
@@ -185,9 +197,10 @@ class SpaceDockEnvConfig(EnvConfig):
             if folder is None
             else EvaluationLog(folder, n_envs, command_line.num_episodes(), policy=policy_record, at_end=at_end)
         )
-        if use_async_envs and n_envs > 1:
-            return {self.type: {0: LoggingAsyncVectorEnv([one] * n_envs, log=log)}}
-        return {self.type: {0: LoggingSyncVectorEnv([one] * n_envs, log=log)}}
+        many = LoggingAsyncVectorEnv if use_async_envs and n_envs > 1 else LoggingSyncVectorEnv
+        env = many([one] * n_envs, log=log)
+        env.metadata = env.metadata | {"render_fps": self.fps}
+        return {self.type: {0: env}}
 
     def get_env_processors(self) -> tuple[PolicyProcessorPipeline, PolicyProcessorPipeline]:
         return PolicyProcessorPipeline(steps=[DropRecordedNames()]), PolicyProcessorPipeline(steps=[])

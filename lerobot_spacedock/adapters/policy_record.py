@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from lerobot_spacedock.adapters.command_line import command_option
+from lerobot_spacedock.adapters.command_line import command_option, dataset_folder, policy_file
 from lerobot_spacedock.errors import FileFormatError
 from lerobot_spacedock.files import read_object
 from lerobot_spacedock.invocation import command_line
@@ -23,32 +23,21 @@ def policy_record() -> dict[str, Any] | None:
     from lerobot_spacedock.expert.checkpoint import training_counts
 
     path = command_option("policy.path")
-    folder = Path(path).expanduser() if path else None
-    kind = command_option("policy.type") or (_json(folder / "config.json").get("type") if folder else None)
+    kind = command_option("policy.type") or _of_policy("config.json").get("type")
     if path is None and kind is None:
         return None
     record: dict[str, Any] = {"policy": path or kind, "type": kind, "command": command_line()}
     if kind in UNTRAINED:
         return record | {"training": {"episodes": 0, "interactions": 0}}
     if kind == LEARNT:
-        return record | {
-            "training": None if folder else training_counts("meta_rl", command_option("policy.checkpoint"))
-        }
+        return record | {"training": None if path else training_counts("meta_rl", command_option("policy.checkpoint"))}
     # the dataset of the training that runs, or of the one that left the checkpoint
     stated = {"root": command_option("dataset.root"), "repo_id": command_option("dataset.repo_id")}
-    if not any(stated.values()) and folder:
-        dataset = _json(folder / "train_config.json").get("dataset")
+    if not any(stated.values()):
+        dataset = _of_policy("train_config.json").get("dataset")
         stated = dataset if isinstance(dataset, dict) else {}
-    root = _dataset_root(stated.get("root"), stated.get("repo_id"))
+    root = dataset_folder(stated.get("root"), stated.get("repo_id"))
     return record | {"dataset": None if root is None else str(root), "learnt_from": root and _demonstrations(root)}
-
-
-def _dataset_root(root: str | None, repo_id: str | None) -> Path | None:
-    from lerobot.utils.constants import HF_LEROBOT_HOME
-
-    candidates = [Path(root).expanduser()] if root else []
-    candidates += [HF_LEROBOT_HOME / repo_id] if repo_id else []
-    return next((path for path in candidates if (path / "meta" / "info.json").is_file()), None)
 
 
 def _demonstrations(root: Path) -> dict[str, Any]:
@@ -66,6 +55,11 @@ def _demonstrations(root: Path) -> dict[str, Any]:
         stated = expert.get("training")  # written by newer versions of spacedock demos
         record |= {"expert": name, "training": stated or training_counts(name, expert.get("checkpoint"))}
     return record
+
+
+def _of_policy(name: str) -> dict[str, Any]:
+    path = policy_file(name)
+    return {} if path is None else _json(path)
 
 
 def _json(path: Path) -> dict[str, Any]:

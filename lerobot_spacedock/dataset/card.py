@@ -20,6 +20,7 @@ from lerobot_spacedock.files import write_text
 STRIP_FILE = "frames.jpg"
 STRIP_FRAMES = 6
 STRIP_HEIGHT_px = 180
+MARK = "<!-- card by spacedock -->"  # in every card that was made here
 CITATION = """@misc{posadasnava2025action,
   title  = {Action Chunking with Transformers for Image-Based Spacecraft Guidance and Control},
   author = {Posadas-Nava and Scorsoglio and Ghilardi and Furfaro and Linares},
@@ -68,8 +69,18 @@ def write_card(root: Path, repo_id: str, *, license_id: str | None = None, tags:
     path = root / "README.md"
     with reading(root, "a dataset that says how it was made"):
         text = dataset_card(root, repo_id, license_id=license_id, tags=tags)
-    write_text(path, text)
+    write_own(path, text)
     return path
+
+
+def write_own(path: Path, text: str) -> None:
+    """Writes a card; one by somebody else that lies there already is kept beside it, as ``README.orig.md``."""
+    if path.is_file() and MARK not in path.read_text(encoding="utf-8", errors="replace"):
+        kept = path.with_name("README.orig.md")
+        if not kept.exists():
+            path.replace(kept)
+            print(f"{path}: a card that was not made here is kept as {kept.name}")
+    write_text(path, f"{text.rstrip()}\n\n{MARK}\n")
 
 
 def write_strip(reader: DatasetReader) -> Path | None:
@@ -256,10 +267,18 @@ def _use(reader: DatasetReader, repo_id: str) -> str:
     train = [
         f"lerobot-train --dataset.repo_id={repo_id} --dataset.video_backend=pyav",
         "--policy.type=act --policy.push_to_hub=false --output_dir=outputs/act",
+        "--policy.chunk_size=5 --policy.n_action_steps=1 --policy.temporal_ensemble_coeff=0.01",
     ]
-    evaluate = ["lerobot-eval --policy.path=outputs/act/checkpoints/last/pretrained_model", *flags]
+    evaluate = [
+        "lerobot-eval --policy.path=outputs/act/checkpoints/last/pretrained_model --output_dir=outputs/act_eval",
+        *flags,
+    ]
     commands = "\n".join(" \\\n    ".join(lines) for lines in (train, evaluate))
-    return f"With LeRobot and its plugin `lerobot_env_spacedock` installed:\n\n```bash\n{commands}\n```"
+    return (
+        f"With LeRobot and its plugin `lerobot_env_spacedock` installed:\n\n```bash\n{commands}\n```\n\n"
+        "A chunk of 5 and a new prediction every step: with ACT's own defaults, 100 actions flown to their end, it "
+        "would fly most of the approach blind."
+    )
 
 
 def _limits(reader: DatasetReader, stats: dict[str, Any]) -> str:

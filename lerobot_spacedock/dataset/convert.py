@@ -53,10 +53,10 @@ class ConvertConfig:
     segment: str = "all"
     # write each whole episode once and its segment so many times more
     repeat_terminal: int = 0
-    # the observed state carries the mass (14 values)
-    with_mass: bool = False
-    # the observed state holds velocity and rates only (6 values), as in SpaceDockVision-v0
-    withhold_pose: bool = False
+    # the observed state carries the mass (14 values); left out, as the log's environment has it
+    with_mass: bool | None = None
+    # the observed state holds velocity and rates only (6 values), as in SpaceDockVision-v0; left out, the same
+    withhold_pose: bool | None = None
     # auto takes stored pictures and draws where there are none; draw always draws; none writes states alone
     images: str = "auto"
     camera: CameraConfig = field(default_factory=CameraConfig)
@@ -143,8 +143,8 @@ def _layout(config: ConvertConfig, camera: CameraConfig) -> DatasetLayout:
         repo_id=config.repo_id,
         height=camera.height,
         width=camera.width,
-        with_mass=config.with_mass,
-        withhold_pose=config.withhold_pose,
+        with_mass=bool(config.with_mass),
+        withhold_pose=bool(config.withhold_pose),
         image=config.images != "none",
         task=config.task,
         storage=config.storage,
@@ -158,6 +158,12 @@ def _plan(config: ConvertConfig) -> tuple[Plan, list[EpisodeRef]]:
     refs, selection, left_out = _select(config, found)
     drawn = config.images == "draw" or (config.images == "auto" and not _has_pictures(refs))
     env = _common_env(config, refs, drawn=drawn)
+    if env is not None:
+        config = replace(
+            config,
+            with_mass=env.with_mass if config.with_mass is None else config.with_mass,
+            withhold_pose=env.withhold_pose if config.withhold_pose is None else config.withhold_pose,
+        )
     drawing = drawing_options(env or _plain_env(config)) if config.images != "none" else None
     if drawn and config.executor.here:
         check_drawing(drawing)

@@ -33,8 +33,9 @@ def env_flags(features: dict[str, dict[str, Any]], env_id: str | None) -> list[s
         lines.append("--env.obs_type=agent_pos")
     if observed is not None and "mass" in observed:
         lines.append("--env.with_mass=true")
-    if observed is not None and "x" not in observed and env_id != "SpaceDockVision-v0":
-        lines.append("--env.withhold_pose=true")
+    withheld = observed is not None and "x" not in observed
+    if observed is not None and withheld != (env_id == "SpaceDockVision-v0"):
+        lines.append(f"--env.withhold_pose={str(withheld).lower()}")
     if cameras and schema.IMAGE not in cameras:
         lines.append(f"--rename_map='{json.dumps({schema.IMAGE: cameras[0]})}'")
     return lines

@@ -8,13 +8,23 @@ from lerobot_spacedock import __version__
 
 ENV_SOURCE = '''"""SpaceDock for LeRobot's EnvHub: needs `pip install lerobot_env_spacedock`."""
 
+import dataclasses
+
 from lerobot_spacedock.adapters.env_config import SpaceDockEnvConfig
+
+LEROBOTS = {"features", "features_map", "fps", "max_parallel_tasks", "disable_env_checker"}  # of every LeRobot env
 
 
 def make_env(n_envs=1, use_async_envs=False, cfg=None):
-    """{suite: {task_id: VectorEnv}}, as LeRobot's own environments; `cfg`: a SpaceDockEnvConfig, or its defaults."""
-    config = cfg if isinstance(cfg, SpaceDockEnvConfig) else SpaceDockEnvConfig()
-    return config.create_envs(n_envs=n_envs, use_async_envs=use_async_envs)
+    """{suite: {task_id: VectorEnv}}, as LeRobot's own environments.
+
+    `cfg`: a SpaceDockEnvConfig; or LeRobot's HubEnvConfig, of whose options every one that SpaceDock has too counts.
+    """
+    if not isinstance(cfg, SpaceDockEnvConfig):
+        names = {field.name for field in dataclasses.fields(SpaceDockEnvConfig) if field.init} - LEROBOTS
+        given = {name: value for name, value in vars(cfg).items() if name in names} if cfg is not None else {}
+        cfg = SpaceDockEnvConfig(**{name: value for name, value in given.items() if value is not None})
+    return cfg.create_envs(n_envs=n_envs, use_async_envs=use_async_envs)
 '''
 
 

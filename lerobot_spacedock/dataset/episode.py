@@ -10,13 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from lerobot_spacedock.dataset import schema
-from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.episode_log import OBSERVED, EpisodeLog
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.metrics.episode import episode_metrics
 from lerobot_spacedock.physics.frames import ACTION_NAMES, OBSERVATION_NAMES, STATE_NAMES, observed_indices
 
 LABEL_COLUMNS = tuple(f"label_{name}" for name in ACTION_NAMES)
-_OBSERVED = "observed_"
 
 
 def teaching_columns(*, label: np.ndarray, observed: np.ndarray | None = None) -> dict[str, np.ndarray]:
@@ -31,7 +30,7 @@ def teaching_columns(*, label: np.ndarray, observed: np.ndarray | None = None) -
     """
     extra = {name: label[:, i] for i, name in enumerate(LABEL_COLUMNS)}
     if observed is not None:
-        extra |= {_OBSERVED + name: observed[:, i] for i, name in enumerate(OBSERVATION_NAMES)}
+        extra |= {OBSERVED + name: observed[:, i] for i, name in enumerate(OBSERVATION_NAMES)}
     return extra
 
 
@@ -53,10 +52,10 @@ def observed_of(log: EpisodeLog, *, with_mass: bool = False, withhold_pose: bool
     """
     wanted = observed_indices(with_mass=with_mass, withhold_pose=withhold_pose)
     seen = log.state[:-1, wanted].copy()
-    shown = [name for name in OBSERVATION_NAMES if _OBSERVED + name in log.extra]
+    shown = [name for name in OBSERVATION_NAMES if OBSERVED + name in log.extra]
     for column, name in enumerate(STATE_NAMES[i] for i in wanted):
         if name in shown:
-            seen[:, column] = log.extra[_OBSERVED + name][: log.num_steps]
+            seen[:, column] = log.extra[OBSERVED + name][: log.num_steps]
         elif shown and name != "mass":
             raise InputError("observed values", f"a log without observed_{name}", "a log with it, or --withhold_pose")
     return seen
@@ -112,7 +111,7 @@ def log_of_rows(
     if schema.TRUE_STATE in rows:
         true = dict(zip(STATE_NAMES, state.T, strict=True))
         if not all(np.array_equal(values, true[name]) for name, values in seen.items() if name != "mass"):
-            extra |= {_OBSERVED + name: values for name, values in seen.items() if name != "mass"}
+            extra |= {OBSERVED + name: values for name, values in seen.items() if name != "mass"}
     if terminal_state is None:
         keep = steps - 1
         extra = {name: values[:keep] for name, values in extra.items()}

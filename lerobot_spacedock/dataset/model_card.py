@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_spacedock.dataset.card import CITATION
+from lerobot_spacedock.dataset.card import CITATION, write_own
 from lerobot_spacedock.dataset.env_flags import cameras_of, env_flags
 from lerobot_spacedock.episode_log import POLICY_FILE
 from lerobot_spacedock.errors import InputError, reading
-from lerobot_spacedock.files import read_object, write_text
+from lerobot_spacedock.files import read_object
 from lerobot_spacedock.metrics.collect import measured
 from lerobot_spacedock.metrics.statistics import clopper_pearson
 
@@ -40,7 +40,7 @@ def write_model_card(
     with reading(folder, "a policy"):
         text = _card(folder, repo_id, log_dir, license_id, tags)
     path = folder / "README.md"
-    write_text(path, text)
+    write_own(path, text)
     return path
 
 

@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from lerobot_spacedock.dataset.card import write_card
+from lerobot_spacedock.dataset.env_flags import env_flags
 from lerobot_spacedock.dataset.hub import HubError, checked_token, hub_errors, set_tag, upload_folder
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.licence import OWN
 from lerobot_spacedock.dataset.model_card import write_model_card
 from lerobot_spacedock.dataset.roots import check_repo_id, existing_root, is_inside
 from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.files import read_object
 from lerobot_spacedock.folders import free_space
 
 KINDS = ("dataset", "policy", "env")
@@ -123,6 +125,10 @@ def _upload(config: PushConfig, folder: Path) -> int:
         api.whoami()
     with hub_errors(f"making the repository {config.repo_id}"):
         api.create_repo(**shared, private=config.private, exist_ok=True)
+        tagged = {tag.name for tag in api.list_repo_refs(**shared).tags}
+        if config.revision_tag in tagged:
+            mend = f"Or take it away first: hf repo tag delete {config.repo_id} {config.revision_tag}"
+            raise InputError("--revision_tag", f"{config.revision_tag}, which is set already", "a new tag", mend)
         if config.branch is not None:
             api.create_branch(**shared, branch=config.branch, exist_ok=True)
     with hub_errors("uploading"):
@@ -130,7 +136,7 @@ def _upload(config: PushConfig, folder: Path) -> int:
             api, folder, **shared, branch=config.branch, message=f"Push {config.kind}", large=large, ignore=IGNORED
         )
     with hub_errors("tagging"):
-        for tag in _tags(config):
+        for tag in _tags(config, tagged):
             set_tag(api, tag, **shared, branch=config.branch)
     print(f"Pushed to {url}")
     print(f"Next: {_next(config)}")
@@ -145,12 +151,19 @@ def _sent(folder: Path) -> list[Path]:
     return list(filter_repo_objects(files, ignore_patterns=IGNORED, key=lambda file: str(file.relative_to(folder))))
 
 
-def _tags(config: PushConfig) -> list[str]:
+def _tags(config: PushConfig, tagged: set[str]) -> list[str]:
+    """The tags to set: LeRobot's own first, by which it loads a dataset, then the user's."""
     tags = [config.revision_tag] if config.revision_tag else []
     if config.kind == "dataset":
         from lerobot.datasets.dataset_metadata import CODEBASE_VERSION
 
-        tags.insert(0, CODEBASE_VERSION)  # without it LeRobot cannot load the dataset by its name
+        # a branch leaves it where it is: what everybody loads by the dataset's name stays what it was
+        if config.branch in (None, "main") or CODEBASE_VERSION not in tagged:
+            tags.insert(0, CODEBASE_VERSION)
+        else:
+            print(
+                f"LeRobot's tag {CODEBASE_VERSION} stays where it is; to load this: --dataset.revision={config.branch}"
+            )
     return tags
 
 
@@ -158,7 +171,8 @@ def _next(config: PushConfig) -> str:
     if config.kind == "dataset":
         return f"lerobot-train --dataset.repo_id={config.repo_id} --policy.type=act --policy.push_to_hub=false …"
     if config.kind == "policy":
-        return f"lerobot-eval --policy.path={config.repo_id} --env.type=spacedock …"
+        inputs = read_object(Path(config.root or "") / "config.json").get("input_features") or {}
+        return " ".join([f"lerobot-eval --policy.path={config.repo_id}", *env_flags(inputs, None), "…"])
     return f'lerobot.envs.factory.make_env("{config.repo_id}", trust_remote_code=True)'
 
 

@@ -27,7 +27,8 @@ from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.files import write_json
 
 SUMMARY_FILE = "shard.json"
-ASSUMED = ("times", "mass", "rewards")  # keys of a log's metadata, each a sentence where the source has none
+# keys of a log's metadata, each a sentence where the source has none
+ASSUMED = ("times", "mass", "rewards", "readings")
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,10 @@ from lerobot_spacedock.env.reward import STEP_TERMS
 from lerobot_spacedock.env.start import check_action, check_start, check_time_steps
 from lerobot_spacedock.env.sunlight import SunPath
 from lerobot_spacedock.env.termination import OUTCOMES, RUNNING
-from lerobot_spacedock.episode_log import EpisodeLog, log_path, write_episode_log
+from lerobot_spacedock.episode_log import OBSERVED, EpisodeLog, log_path, write_episode_log
 from lerobot_spacedock.errors import InputError, SimulationError
 from lerobot_spacedock.physics.frames import (
+    OBSERVATION_NAMES,
     POSITION,
     QUATERNION,
     STATE_NAMES,
@@ -140,6 +141,7 @@ class SpaceDockEnv(gym.Env):
             "dt": [],
             "reward": [],
         }
+        self._readings: list[np.ndarray] = []  # what imperfect sensors showed before each step, for the log
         info = self._info(self._true_state())
         if self.config.uses_camera:
             info["camera_intrinsics"] = intrinsics(self.config.camera)
@@ -205,6 +207,8 @@ class SpaceDockEnv(gym.Env):
     def _observation(self) -> dict[str, Any]:
         observation: dict[str, Any] = {}
         self._frame = None
+        if self._log_dir is not None and self.config.dynamics == "meta":
+            self._readings.append(self._simulator.observe()[0])
         if self.config.uses_camera:
             self._frame = self._draw()
             observation["pixels"] = {CAMERA_NAME: self._frame.copy()}
@@ -251,6 +255,10 @@ class SpaceDockEnv(gym.Env):
         from lerobot_spacedock import __version__
 
         trace = {name: np.array(values) for name, values in self._trace.items()}
+        seen = {}
+        if self._readings:
+            columns = np.stack(self._readings, axis=1).astype(np.float64)
+            seen = {OBSERVED + name: column for name, column in zip(OBSERVATION_NAMES, columns, strict=True)}
         metadata = {
             "version": __version__,
             "env_id": self.config.env_id,
@@ -264,7 +272,7 @@ class SpaceDockEnv(gym.Env):
             "clipped_actions": info["clipped_actions"],
             "dynamics": self._simulator.dynamics(0),
         }
-        write_episode_log(log_path(self._log_dir, self._seed), EpisodeLog(**trace, metadata=metadata))
+        write_episode_log(log_path(self._log_dir, self._seed), EpisodeLog(**trace, metadata=metadata, extra=seen))
 
 
 def observation_names(config: SpaceDockConfig) -> tuple[str, ...]:

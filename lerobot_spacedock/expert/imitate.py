@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import torch
-from rsl_rl.algorithms import PPO
 from torch import Tensor
 from tqdm import tqdm
 
 from lerobot_spacedock.expert.demonstrations import find_dataset, load_demonstrations, port_of_dataset
 from lerobot_spacedock.expert.features import actor_features
 from lerobot_spacedock.expert.policy import action_signs, observation_signs
+from lerobot_spacedock.expert.rsl import PPO
 from lerobot_spacedock.expert.train_config import TrainExpertConfig
 from lerobot_spacedock.physics.contact import ZVEZDA_AFT
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 
 import torch
-from rsl_rl.models import MLPModel, RNNModel
-from rsl_rl.storage import RolloutStorage
-from tensordict import TensorDict
 
+from lerobot_spacedock.expert.rsl import MLPModel, RNNModel, RolloutStorage, TensorDict
 from lerobot_spacedock.expert.smooth_ppo import SmoothPPO
 from lerobot_spacedock.expert.train_config import TrainExpertConfig
 from lerobot_spacedock.expert.training_tasks import TrainingTasks

@@ -13,9 +13,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import torch
-from rsl_rl.algorithms import PPO
-from rsl_rl.storage import RolloutStorage
 from torch import Tensor
+
+from lerobot_spacedock.expert.rsl import PPO, RolloutStorage
 
 LEARNING_RATE_RANGE = (1e-5, 1e-2)
 LEARNING_RATE_STEP = 1.5

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from rsl_rl.algorithms import PPO
 from safetensors.torch import load_file, save
 from torch import Tensor
 
 from lerobot_spacedock.errors import FileFormatError, reading
 from lerobot_spacedock.expert.checkpoint import save_actor
 from lerobot_spacedock.expert.network import ActorNetwork, NetworkConfig
+from lerobot_spacedock.expert.rsl import PPO
 from lerobot_spacedock.expert.train_config import TrainExpertConfig
 from lerobot_spacedock.files import read_object, write_json
 

@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from tensordict import TensorDict
 from torch import Tensor
 
 from lerobot_spacedock.env.batch import BatchedSpaceDock
@@ -21,6 +20,7 @@ from lerobot_spacedock.env.config import TaskConfig
 from lerobot_spacedock.env.reward import speed_profile
 from lerobot_spacedock.env.scenario import SENSOR_NOISE
 from lerobot_spacedock.expert.features import RATE_GAIN, VELOCITY_GAIN, actor_features
+from lerobot_spacedock.expert.rsl import TensorDict
 from lerobot_spacedock.expert.train_config import TrainExpertConfig
 from lerobot_spacedock.physics import chaser as p
 from lerobot_spacedock.physics import rotations

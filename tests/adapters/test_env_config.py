@@ -12,6 +12,7 @@ from lerobot.envs.factory import make_env, make_env_config, make_env_pre_post_pr
 from lerobot.envs.utils import env_to_policy_features, preprocess_observation
 
 from lerobot_spacedock.adapters import SpaceDockEnvConfig, SpaceDockMpcConfig, command_line
+from lerobot_spacedock.adapters.policy_record import policy_record
 from lerobot_spacedock.camera.config import CameraConfig
 from lerobot_spacedock.dataset.schema import features as dataset_features
 from lerobot_spacedock.env.config import SpaceDockConfig
@@ -160,6 +161,58 @@ def test_pictures_of_another_size_than_the_policy_learns_from_are_refused(comman
         SpaceDockEnvConfig()
     SpaceDockEnvConfig(camera=CameraConfig(height=96, width=128))
     SpaceDockEnvConfig(obs_type="agent_pos")
+
+
+def test_so_are_those_of_a_policy_and_a_dataset_that_were_fetched_from_the_hub(command, tmp_path, monkeypatch):
+    def fetch(cache, kind, revision, file, content):
+        snapshot = cache / f"{kind}--me--act" / "snapshots" / "0123"
+        (snapshot / file).parent.mkdir(parents=True)
+        (snapshot / file).write_text(json.dumps(content))
+        (cache / f"{kind}--me--act" / "refs").mkdir()
+        (cache / f"{kind}--me--act" / "refs" / revision).write_text("0123")
+
+    from huggingface_hub import constants, file_download
+    from lerobot.utils import constants as lerobot_constants
+
+    cache = tmp_path / "cache"
+    monkeypatch.setattr(constants, "HF_HUB_CACHE", str(cache))
+    monkeypatch.setattr(lerobot_constants, "HF_LEROBOT_HUB_CACHE", cache)
+    monkeypatch.setattr(lerobot_constants, "HF_LEROBOT_HOME", tmp_path / "home")
+    monkeypatch.setattr(file_download, "HF_HUB_CACHE", str(cache), raising=False)
+    camera = "observation.images.camera"
+    command("lerobot-eval", "--policy.path=me/act")
+    config = SpaceDockEnvConfig()  # nothing is there yet
+    fetch(cache, "models", "main", "config.json", {"type": "act", "input_features": {camera: {"shape": [3, 96, 128]}}})
+    with pytest.raises(SpaceDockError, match=r"Add --env\.camera\.height=96 --env\.camera\.width=128"):
+        config.create_envs(1)  # by now LeRobot has fetched it
+    assert policy_record()["type"] == "act"
+    command("lerobot-train", "--dataset.repo_id=me/act")
+    SpaceDockEnvConfig()
+    fetch(cache, "datasets", "v3.0", "meta/info.json", {"features": {camera: {"shape": [96, 128, 3]}}})
+    with pytest.raises(SpaceDockError, match=r"Add --env\.camera\.height=96 --env\.camera\.width=128"):
+        SpaceDockEnvConfig()
+
+
+def test_who_gets_no_episode_logs_is_told(command, capsys, tmp_path):
+    config = SpaceDockEnvConfig(obs_type="agent_pos")
+    make_env(config, n_envs=1)["spacedock"][0].close()
+    assert capsys.readouterr().err == ""  # no command of LeRobot's
+    command("lerobot-eval")
+    make_env(config, n_envs=1)["spacedock"][0].close()
+    assert "--output_dir" in capsys.readouterr().err
+    command("lerobot-eval", f"--output_dir={tmp_path}")
+    make_env(config, n_envs=1)["spacedock"][0].close()
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("use_async_envs", [False, True])
+def test_films_play_as_fast_as_was_asked_for(use_async_envs):
+    config = SpaceDockEnvConfig(obs_type="agent_pos", fps=4)
+    env = config.create_envs(2, use_async_envs)["spacedock"][0]
+    assert env.unwrapped.metadata["render_fps"] == 4  # where LeRobot's evaluation reads it
+    env.close()
+    with pytest.raises(SpaceDockError, match="1 or more"):
+        SpaceDockEnvConfig(fps=0)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from dataset_samples import short, write_raw_export
 from huggingface_hub import DatasetCard, ModelCard
 
-from lerobot_spacedock.dataset.card import write_card
+from lerobot_spacedock.dataset.card import write_card, write_own
 from lerobot_spacedock.dataset.convert import ConvertConfig, convert
 from lerobot_spacedock.dataset.env_flags import env_flags
 from lerobot_spacedock.dataset.model_card import write_model_card
@@ -49,6 +49,22 @@ def test_the_environment_that_fits_is_said_in_flags(features, env_id, expected, 
     flags = " ".join(env_flags(features, env_id))
     assert all(text in flags for text in expected), flags
     assert absent not in flags
+
+
+def test_a_card_by_somebody_else_is_kept_and_one_of_ours_written_anew(tmp_path, capsys):
+    card, kept = tmp_path / "README.md", tmp_path / "README.orig.md"
+    write_own(card, "# first")
+    write_own(card, "# second")
+    assert card.read_text().startswith("# second")
+    assert not kept.exists()
+    card.write_text("# by hand")
+    write_own(card, "# third")
+    assert kept.read_text() == "# by hand"
+    assert "README.orig.md" in capsys.readouterr().out
+    card.write_text("# by hand again")
+    write_own(card, "# fourth")
+    assert kept.read_text() == "# by hand"
+    assert card.read_text().startswith("# fourth")
 
 
 def docked_of(flights) -> list:

@@ -1,10 +1,12 @@
 """Rollouts of other origin: what comes in comes out, and what is broken is named."""
 
 import csv
+import dataclasses
 import json
 import pickle
 import shutil
 
+import gymnasium as gym
 import h5py
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot_spacedock.camera import CameraConfig
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.convert import ConvertConfig, convert
+from lerobot_spacedock.dataset.env_flags import env_flags
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.dataset.record import Storage
@@ -43,6 +46,47 @@ def test_logs_to_dataset_to_logs_is_exact_to_float32(flights, log_folder, tmp_pa
         np.testing.assert_array_equal(back.extra["label_Lz"], log.extra["label_Lz"].astype(np.float32))
         assert back.metadata == json.loads(json.dumps(log.metadata))
     assert check_dataset(tmp_path / "d").errors == []
+
+
+def flown_logs(folder, env_id, steps=6):
+    """Flies a few steps into ``folder``; what the environment showed before each of them."""
+    env = gym.make(env_id, obs_type="agent_pos", max_steps=steps, log_dir=str(folder))
+    shown = [env.reset(seed=5)[0]["agent_pos"]]
+    ended = False
+    while not ended:
+        observation, _, terminated, truncated, _ = env.step(np.ones(6))
+        shown.append(observation["agent_pos"])
+        ended = terminated or truncated
+    env.close()
+    return np.array(shown[:-1])
+
+
+def test_logs_of_imperfect_sensors_give_what_the_policy_saw(tmp_path):
+    shown = flown_logs(tmp_path / "logs", "SpaceDockMeta-v0")
+    run(tmp_path / "logs", tmp_path / "d", images="none")
+    (rows,) = [episode.rows for episode in DatasetReader(tmp_path / "d").iterate()]
+    np.testing.assert_array_equal(rows["observation.state"], shown)
+    assert np.abs(rows["observation.state"] - np.delete(rows["true_state"], 6, axis=1)).max() > 1e-3
+    assert check_dataset(tmp_path / "d").errors == []
+
+
+def test_logs_that_lost_the_readings_say_so(tmp_path, capsys):
+    flown_logs(tmp_path / "logs", "SpaceDockMeta-v0")
+    (path,) = (tmp_path / "logs").glob("*.parquet")
+    write_episode_log(path, dataclasses.replace(read_episode_log(path), extra={}))
+    run(tmp_path / "logs", tmp_path / "d", images="none")
+    assert "readings of the imperfect sensors not in the source" in capsys.readouterr().out
+
+
+def test_logs_of_a_task_that_withholds_the_pose_give_what_the_policy_saw(tmp_path):
+    shown = flown_logs(tmp_path / "logs", "SpaceDockVision-v0")
+    run(tmp_path / "logs", tmp_path / "d", images="none")
+    (rows,) = [episode.rows for episode in DatasetReader(tmp_path / "d").iterate()]
+    np.testing.assert_array_equal(rows["observation.state"], shown)
+    run(tmp_path / "logs", tmp_path / "whole", images="none", withhold_pose=False)
+    features = DatasetReader(tmp_path / "whole").features
+    assert list(features["observation.state"]["shape"]) == [13]
+    assert "--env.withhold_pose=false" in env_flags(features, "SpaceDockVision-v0")
 
 
 @pytest.mark.parametrize("kind", ["video", "image"])
@@ -339,7 +383,7 @@ def test_an_unfinished_job_goes_on_only_with_its_own_settings(raw_export, tmp_pa
     root = tmp_path / "d"
     with pytest.raises(FileFormatError):
         run(raw_export, root, format="raw")
-    with pytest.raises(InputError, match="with_mass was False, now True"):
+    with pytest.raises(InputError, match="with_mass was None, now True"):
         run(raw_export, root, format="raw", with_mass=True)
     shutil.copy(raw_export / "imgs" / "img_traj_1_step_3.png", raw_export / "imgs" / "img_traj_1_step_4.png")
     run(raw_export, root, format="raw")

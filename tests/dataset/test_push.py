@@ -92,6 +92,20 @@ def test_a_branch_leaves_main_alone(hub, dataset):
     assert "meta/info.json" in repository.files("wip")
 
 
+def test_what_everybody_loads_stays_when_a_branch_is_pushed(hub, dataset, capsys):
+    send(dataset, revision_tag="v1.0")
+    repository = hub.repositories[("dataset", REPO)]
+    before = dict(repository.tags)
+    send(dataset, branch="wip", tags=["other"])
+    assert repository.tags == before
+    assert "--dataset.revision=wip" in capsys.readouterr().out
+    sent = len(repository.commits)
+    with pytest.raises(InputError, match=r"v1\.0, which is set already"):
+        send(dataset, branch="wip", tags=["again"], revision_tag="v1.0")
+    assert repository.tags == before
+    assert len(repository.commits) == sent
+
+
 def test_a_dry_run_says_what_and_sends_nothing(hub, dataset, capsys):
     send(dataset, dry_run=True)
     assert hub.requests == []
@@ -273,8 +287,20 @@ from lerobot.envs.factory import make_env
 envs = make_env("test/env", n_envs=1, trust_remote_code=True)
 (suite, tasks), = envs.items()
 print(suite, tasks[0].num_envs, tasks[0].single_action_space.shape)
+import dataclasses
+from lerobot.envs.configs import EnvConfig, HubEnvConfig
+@EnvConfig.register_subclass("mine")
+@dataclasses.dataclass
+class Mine(HubEnvConfig):
+    initial_conditions: str = "random"
+    obs_type: str = "agent_pos"
+env = make_env(Mine(task="SpaceDockContact-v0", hub_path="test/env"), n_envs=1, trust_remote_code=True)["spacedock"][0]
+config = env.get_attr("config")[0]
+print(config.env_id, config.initial_conditions, config.obs_type)
 """
-    assert client(hub, code, tmp_path).split("\n")[-2] == "spacedock 1 (6,)"
+    lines = client(hub, code, tmp_path).split("\n")
+    assert lines[-3] == "spacedock 1 (6,)"
+    assert lines[-2] == "SpaceDockContact-v0 random agent_pos"
 
 
 @pytest.mark.slow

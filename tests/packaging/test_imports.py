@@ -1,6 +1,5 @@
 """What importing costs, and which room may import which."""
 
-import importlib
 import pkgutil
 import subprocess
 import sys
@@ -34,11 +33,22 @@ def test_discovery_adds_nothing_heavy_to_what_the_lerobot_command_has_loaded():
     assert not HEAVY & added
 
 
-def test_importing_every_first_level_module_has_no_side_effect(capfd):
-    # What --env.discover_packages_path=lerobot_spacedock does.
-    for module in pkgutil.iter_modules(lerobot_spacedock.__path__, "lerobot_spacedock."):
-        importlib.import_module(module.name)
-    assert capfd.readouterr() == ("", "")
+def test_importing_every_first_level_module_has_no_side_effect():
+    # What --env.discover_packages_path=lerobot_spacedock does; in a process of its own, where none is loaded yet.
+    names = [module.name for module in pkgutil.iter_modules(lerobot_spacedock.__path__, "lerobot_spacedock.")]
+    code = f"import importlib; [importlib.import_module(name) for name in {names!r}]"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert (result.stdout, result.stderr) == ("", "")
+
+
+def test_an_expert_flies_without_what_trains_it_and_training_says_what_it_needs():
+    absent = "import sys; sys.modules['rsl_rl'] = None; sys.modules['tensordict'] = None;"
+    flies = "from lerobot_spacedock.expert.meta_rl import MetaRlPolicy; MetaRlPolicy.load()"
+    assert "safetensors" in loaded_by(absent + flies)
+    code = f"{absent} from lerobot_spacedock.cli import main; sys.exit(main(['train-expert']))"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=ROOT)
+    assert result.returncode == 2
+    assert "pip install '.[expert]'" in result.stderr
 
 
 @pytest.mark.parametrize("module", sorted(path.stem for path in ROOT.glob("lerobot_env_*.py")))

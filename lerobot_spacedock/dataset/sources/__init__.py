@@ -25,8 +25,9 @@ FORMATS = {
     "v21": "a LeRobotDataset v2.1 of the authors' schema, through LeRobot's own converter",
 }
 
-# what a log's metadata say under "times", "mass" and "rewards" where the source has none
+# what a log's metadata say under "times", "mass", "rewards" and "readings" where the source has none
 NO_REWARDS = "not in the source: 0 stands in their place"
+NO_READINGS = "of the imperfect sensors not in the source: the true state stands in their place"
 NO_MASS = "not in the source: the nominal mass stands in its place"
 
 
