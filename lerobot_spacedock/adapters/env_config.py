@@ -103,7 +103,7 @@ class SpaceDockEnvConfig(EnvConfig):
     dynamics: str | None = None
     # most steps in an episode; exactly as many where contact is false (left out: as the task's id says)
     max_steps: int | None = None
-    # the state holds velocity and rates only, so that the camera alone knows the pose (left out: as the task's id says)
+    # the state holds velocity and rates only: the pose is seen by the camera (left out: as the task's id says)
     withhold_pose: bool | None = None
 
     # normal | fixed: step lengths drawn per step, or all of time_step_mean_s

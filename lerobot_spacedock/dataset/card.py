@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -76,10 +77,10 @@ def write_card(root: Path, repo_id: str, *, license_id: str | None = None, tags:
 def write_own(path: Path, text: str) -> None:
     """Writes a card; one by somebody else that lies there already is kept beside it, as ``README.orig.md``."""
     if path.is_file() and MARK not in path.read_text(encoding="utf-8", errors="replace"):
-        kept = path.with_name("README.orig.md")
-        if not kept.exists():
-            path.replace(kept)
-            print(f"{path}: a card that was not made here is kept as {kept.name}")
+        names = (f"README.orig{number or ''}.md" for number in itertools.count())
+        kept = next(place for name in names if not (place := path.with_name(name)).exists())
+        path.replace(kept)
+        print(f"{path}: a card that was not made here is kept as {kept.name}")
     write_text(path, f"{text.rstrip()}\n\n{MARK}\n")
 
 

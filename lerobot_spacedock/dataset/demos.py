@@ -57,7 +57,7 @@ class DemosConfig:
     # how many to fly; by default half as many again as are kept
     num_candidates: int | None = None
     # meta_rl | meta_rl_sampled | meta_rl_forgetful | mpc (arrives when it costs least) | mpc_fixed (at a deadline) |
-    # zem | W | V | Q (hand-designed time-invariant laws)
+    # zem | W | V | Q (hand-designed time-invariant laws) | mpc_adaptive | W_adaptive (with an estimate of the thrust)
     expert: str = "meta_rl"
     # a meta-RL checkpoint, file or folder, or gentle, which ships for docking without a deadline, or hold, which ships
     # for stopping at the port within the 65 steps of SpaceDock-v0; by default the one that ships for passing it then

@@ -38,10 +38,11 @@ ACTION_UNITS = ("N",) * 3 + ("N·m",) * 3
 
 _MEANING = (
     "What the policy sees: position and velocity in Hill axes from the port, quaternion (scalar first, body to Hill), "
-    "body rates; with sensor noise where the environment has it."
+    "body rates (against the station in SpaceDock-v0, inertial in the contact tasks); with sensor noise where the "
+    "environment has it."
 )
 _MEANING_WITHHELD = (
-    "What the policy sees: velocity in Hill axes and body rates; position and attitude are withheld, the picture shows "
+    "What the policy sees: velocity in Hill axes and inertial body rates; position and attitude are withheld, the picture shows "
     "them. With sensor noise where the environment has it."
 )
 

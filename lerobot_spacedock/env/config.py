@@ -13,6 +13,7 @@ from lerobot_spacedock.camera.config import BACKENDS, CameraConfig
 from lerobot_spacedock.env.reward_config import RewardConfig
 from lerobot_spacedock.env.scenario_config import MetaRanges, get_initial_conditions
 from lerobot_spacedock.errors import InputError, one_of
+from lerobot_spacedock.physics.constants import CHASER_INERTIA_kg_m2
 from lerobot_spacedock.physics.contact import get_port
 
 OBS_TYPES = ("pixels_agent_pos", "agent_pos", "pixels")
@@ -85,6 +86,11 @@ class TaskConfig:
             raise InputError("time_step_std_s, time_step_min_s, time_step_max_s", given, "0 ≤ std, min ≤ max, finite")
         for group in ("corridor", "meta", "reward"):
             _check_numbers(group, getattr(self, group))
+        # so that the inertia is positive definite, whatever is drawn
+        most = 0.5 * CHASER_INERTIA_kg_m2 * (1.0 - self.meta.inertia_fraction)
+        if self.meta.inertia_product_kg_m2 > most:
+            given = f"{self.meta.inertia_product_kg_m2:g} with meta.inertia_fraction {self.meta.inertia_fraction:g}"
+            raise InputError("meta.inertia_product_kg_m2", given, f"at most {most:g}, half the least moment")
         if self.corridor.half_angle_deg >= 90.0:
             raise InputError("corridor.half_angle_deg", self.corridor.half_angle_deg, "0 < angle < 90")
         if self.reward.cruise_speed_m_s < self.reward.closing_speed_m_s:
@@ -102,7 +108,7 @@ class SpaceDockConfig(TaskConfig):
     obs_type: str = "pixels_agent_pos"
     # the state carries the mass after the velocity, as the authors' published dataset does
     with_mass: bool = False
-    # the state holds velocity and rates only, so that the camera alone knows position and attitude
+    # the state holds velocity and rates only: position and attitude are seen by the camera
     withhold_pose: bool = False
     camera: CameraConfig = field(default_factory=CameraConfig)
     # software | pyrender

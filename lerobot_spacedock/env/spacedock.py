@@ -58,6 +58,8 @@ class SpaceDockEnv(gym.Env):
     | `agent_pos`, withhold_pose | (6,) | float32 | vx, vy, vz [m/s], w1, w2, w3 [deg/s] |
     | `pixels` → `camera` | (480, 640, 3) | uint8 | the picture of the body camera; size by `camera.height`, `camera.width` |
 
+    w1, w2, w3 are the rates against the station in `SpaceDock-v0`, and inertial with `hill_coupling` (the contact ids).
+
     `reset(options={"state": …, "time_steps": …})` starts from 13 or 14 values (dataset order and units) and flies on
     the given step lengths [s], whose number is then the horizon: a recorded episode can be flown again.
 

@@ -7,7 +7,8 @@ Each step plans the accelerations that reach the goal with least ``Σ|a|²`` and
   clock, that an imitator can copy.
 
 The unconstrained quadratic programme has a linear solution: ``a = Mᵀ (M Mᵀ + ρ)⁻¹ (goal − Φ x)`` with ``M`` the
-transition's response to each step's acceleration. Commands are clipped to the limits, which no reference start reaches.
+transition's response to each step's acceleration. There are no constraints, of thrust or corridor; commands are clipped
+to the limits afterwards, which some plans reach (in ``SpaceDock-v0`` at the port, from wider starts at the beginning).
 """
 
 from __future__ import annotations

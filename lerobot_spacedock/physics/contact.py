@@ -66,7 +66,7 @@ class ContactBox:
     Attributes:
         closing_speed_m_s: (least, most) speed along the docking axis, into the port.
         lateral_m: most lateral misalignment.
-        lateral_speed_m_s: most speed across the docking axis; None where the standard sets none.
+        lateral_speed_m_s: most speed across the docking axis; None, here and below: not limited in this box.
         pitch_yaw_deg: most angle between the two docking axes.
         roll_deg: most rotation about the docking axis.
         pitch_yaw_rate_deg_s: most angular rate across the docking axis, relative to the station.

@@ -1,8 +1,9 @@
 """Conventions, on one page: frames, axes, quaternion order, signs, and the layout of state and action.
 
-Hill frame H (LVLH)
-    Origin at the docking port. ``x`` radial outward (R-bar up), ``y`` along-track (+velocity, +V-bar),
-    ``z`` orbit normal. The station stands still in H.
+Hill frame H
+    Origin at the docking port. ``x`` radial outward, to zenith (−R-bar), ``y`` along-track (+velocity, +V-bar),
+    ``z`` orbit normal. The station stands still in H. In LVLH axes with x along V-bar and z to nadir the same vector
+    is ``(y, -z, -x)``.
 
 Body frame B
     Origin at the chaser's reference point (the tip that docks), where the camera sits and looks along ``+z_B``.

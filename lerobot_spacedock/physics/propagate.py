@@ -3,8 +3,9 @@
 Method, per substep ``h``: the attitude by two half steps (``rigid_body.py``); the translation by the exact HCW
 transition of its start, plus the thrust's integral by Simpson's rule over start, middle and end, each carried to the
 end by the exact transition; the mass linear in time, as a constant flow makes it. Order 4 in ``h``; exact for a
-thrust that keeps its direction at constant mass, to rounding. Substeps are as many as keep the turn in each below
-``SUBSTEP_ANGLE_rad``: one, in any sane docking.
+thrust that keeps its direction at constant mass, but for that integral, whose error grows with the fourth power of the
+orbital angle. Substeps are as many as keep the turn of the body, and that of the orbit, below ``SUBSTEP_ANGLE_rad`` in
+each: one, in any sane docking.
 
 A batch flies in blocks of ``LANES`` chasers, column by column in a scratch array, so that the compiler puts several
 into one vector register; what is unusual (more than one substep, an inertia unlike its neighbours') flies by itself.
@@ -61,13 +62,13 @@ MAX_SUBSTEPS = 4096
 
 @jit
 def substeps_needed(turn2, step_s):
-    """How many substeps keep the turn in each below ``SUBSTEP_ANGLE_rad``; ``MAX_SUBSTEPS`` at most.
+    """How many substeps keep the turn of body and orbit in each below ``SUBSTEP_ANGLE_rad``; ``MAX_SUBSTEPS`` at most.
 
     ``turn2``: (rad/s)², squares of the rate at the start and of its growth over the step.
     """
     if is_one_substep(turn2, step_s):
         return 1
-    turns = (math.sqrt(turn2[0]) + math.sqrt(turn2[1])) * step_s / SUBSTEP_ANGLE_rad
+    turns = max(math.sqrt(turn2[0]) + math.sqrt(turn2[1]), MEAN_MOTION_rad_s) * step_s / SUBSTEP_ANGLE_rad
     if not turns < MAX_SUBSTEPS:
         return MAX_SUBSTEPS
     return 1 + int(turns)
@@ -76,7 +77,8 @@ def substeps_needed(turn2, step_s):
 @jit(forceinline=True)
 def is_one_substep(turn2, step_s):
     """The usual case, decided without a root: (a + b)² ≤ 2 (a² + b²)."""
-    return 2.0 * (turn2[0] + turn2[1]) * step_s * step_s < SUBSTEP_ANGLE_rad * SUBSTEP_ANGLE_rad
+    least2 = max(2.0 * (turn2[0] + turn2[1]), MEAN_MOTION_rad_s * MEAN_MOTION_rad_s)
+    return least2 * step_s * step_s < SUBSTEP_ANGLE_rad * SUBSTEP_ANGLE_rad
 
 
 @jit(forceinline=True)

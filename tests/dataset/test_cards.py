@@ -64,6 +64,7 @@ def test_a_card_by_somebody_else_is_kept_and_one_of_ours_written_anew(tmp_path, 
     card.write_text("# by hand again")
     write_own(card, "# fourth")
     assert kept.read_text() == "# by hand"
+    assert kept.with_name("README.orig1.md").read_text() == "# by hand again"
     assert card.read_text().startswith("# fourth")
 
 

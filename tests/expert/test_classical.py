@@ -1,12 +1,16 @@
 """The controllers against closed forms, an independent integrator's physics, and the reference's attainable limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from lerobot_spacedock.env.config import TaskConfig
+from lerobot_spacedock.env.scenario_config import MetaRanges
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.expert import mpc
+from lerobot_spacedock.expert.adaptive import AdaptiveThrust
 from lerobot_spacedock.expert.classical import hill_acceleration
 from lerobot_spacedock.expert.controllers import EXPERTS, make_expert
 from lerobot_spacedock.expert.deadline import Deadline
@@ -159,6 +163,40 @@ def test_wrong_options_say_what_is_allowed(make, named):
     with pytest.raises(InputError) as error:
         make()
     assert named in str(error.value)
+
+
+@pytest.mark.parametrize("scale", [0.7, 1.0, 1.2])
+def test_the_estimate_is_the_share_of_the_thrust_that_acts(scale):
+    """A law that commands at random, through an integrator that knows nothing of the package."""
+    rng = np.random.default_rng(0)
+
+    class Random:
+        def reset(self, count):
+            self.count = count
+
+        def act(self, observation):
+            return np.concatenate([rng.uniform(-20.0, 20.0, (self.count, 3)), np.zeros((self.count, 3))], axis=1)
+
+    adaptive = AdaptiveThrust(Random(), step_s=0.9)
+    for _ in range(2):  # the second episode begins with nothing of the first
+        adaptive.reset(1)
+        assert adaptive.scale == 1.0
+        state = np.array([1.0, -20.0, 0.5, 0.05, 0.3, -0.05])
+        for _ in range(60):
+            observation = np.concatenate([state, [1.0, 0.0, 0.0, 0.0], np.zeros(3)])  # body axes are Hill axes
+            thrust = adaptive.act(observation[None])[0, :3]
+            state = integrate(state, scale * thrust / 1000.0, 0.9)
+        assert adaptive.scale[0] == pytest.approx(scale, abs=0.015)  # the prior draws it towards 1
+
+
+def test_what_is_adapted_to_is_what_acts():
+    """Chasers of one mass and of thrusters that are all a fifth too weak, with perfect sensors."""
+    weak = MetaRanges(**{name: 0.0 for name in vars(MetaRanges()) if name not in ("thrust_scale", "torque_scale")}
+                      | {"thrust_scale": (0.8, 0.8), "torque_scale": (1.0, 1.0)})  # fmt: skip
+    task = replace(TASKS["meta random"], meta=weak)
+    plain, adaptive = (fly(make_expert(name, task), task, SEEDS) for name in ("mpc", "mpc_adaptive"))
+    assert adaptive.idss.all()
+    assert np.abs(adaptive.closing_m_s - 0.08).max() < np.abs(plain.closing_m_s - 0.08).max() / 2
 
 
 @pytest.mark.parametrize("name", EXPERTS)

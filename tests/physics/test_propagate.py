@@ -94,6 +94,17 @@ def test_whole_random_episodes_agree_with_dop853(inertia, offset, coupling):
     assert abs(np.linalg.norm(state[7:11]) - 1.0) < 1e-14
 
 
+@pytest.mark.parametrize("step_s", [10.0, 100.0, 600.0])
+def test_a_long_step_of_a_quiet_chaser_is_as_exact(step_s):
+    """Nothing turns but the orbit: also that is cut into substeps."""
+    state = np.array([0.0, -25.0, 0.0, 0.0, 0.0, 0.0, 1000.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    thrust = np.array([2.0, 0.0, 0.0])
+    got = propagate(state[None], np.array([[*thrust, 0.0, 0.0, 0.0]]), step_s, chaser())[0]
+    rates = equations(np.eye(3), np.zeros(3), thrust, np.zeros(3), False)
+    exact = solve_ivp(rates, (0, step_s), state, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    assert np.linalg.norm(got[:3] - exact[:3]) < 1e-8 * np.linalg.norm(exact[:3] - state[:3])
+
+
 def test_order_of_convergence_is_four():
     rng = np.random.default_rng(3)
     state = start_state(rng, rate=0.3)
