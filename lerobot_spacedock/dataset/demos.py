@@ -35,7 +35,7 @@ from lerobot_spacedock.env.registration import ENV_IDS
 from lerobot_spacedock.env.scenario_config import get_initial_conditions
 from lerobot_spacedock.episode_log import EpisodeLog, log_path, read_episode_log, write_episode_log
 from lerobot_spacedock.errors import InputError, SpaceDockError
-from lerobot_spacedock.expert.controllers import EXPERTS, make_expert
+from lerobot_spacedock.expert.controllers import check_expert, make_expert
 from lerobot_spacedock.files import aside, write_json
 from lerobot_spacedock.folders import check_writable
 from lerobot_spacedock.invocation import available_cores, command_line
@@ -58,6 +58,7 @@ class DemosConfig:
     num_candidates: int | None = None
     # meta_rl | meta_rl_sampled | meta_rl_forgetful | mpc (arrives when it costs least) | mpc_fixed (at a deadline) |
     # zem | W | V | Q (hand-designed time-invariant laws) | mpc_adaptive | W_adaptive (with an estimate of the thrust)
+    # | MODULE:FACTORY of your own (examples/own_controller.py)
     expert: str = "meta_rl"
     # a meta-RL checkpoint, file or folder, or gentle, which ships for docking without a deadline, or hold, which ships
     # for stopping at the port within the 65 steps of SpaceDock-v0; by default the one that ships for passing it then
@@ -169,8 +170,7 @@ def demos(config: DemosConfig) -> int:
 
 def _check(config: DemosConfig) -> None:
     check_repo_id(config.repo_id)
-    if config.expert not in EXPERTS:
-        raise InputError("--expert", config.expert, " | ".join(EXPERTS))
+    check_expert(config.expert)
     if config.checkpoint is not None and not config.expert.startswith("meta_rl"):
         raise InputError("--checkpoint", config.checkpoint, "nothing, unless --expert=meta_rl")
     if config.checkpoint is not None:

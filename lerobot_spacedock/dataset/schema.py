@@ -42,8 +42,8 @@ _MEANING = (
     "environment has it."
 )
 _MEANING_WITHHELD = (
-    "What the policy sees: velocity in Hill axes and inertial body rates; position and attitude are withheld, the picture shows "
-    "them. With sensor noise where the environment has it."
+    "What the policy sees: velocity in Hill axes and inertial body rates; position and attitude are withheld, the "
+    "picture shows them. With sensor noise where the environment has it."
 )
 
 

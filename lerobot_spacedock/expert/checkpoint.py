@@ -101,9 +101,12 @@ def training_counts(expert: str, checkpoint: str | Path | None = None) -> dict[s
     """Episodes and interactions that an expert of that name was trained with; None where its file does not say.
 
     Args:
-        expert: one of ``controllers.EXPERTS``; all but the meta-RL ones need no training.
+        expert: one of ``controllers.EXPERTS``, all of which but the meta-RL ones need no training; or one of your own,
+            of which nothing is known.
         checkpoint: of the meta-RL expert, as ``find_checkpoint`` takes it.
     """
+    if ":" in expert:
+        return None
     if not expert.startswith("meta_rl"):
         return {"episodes": 0, "interactions": 0}
     try:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import re
 from pathlib import Path
 
 from lerobot_spacedock.env.config import TaskConfig
@@ -23,14 +25,21 @@ def make_expert(name: str, task: TaskConfig, *, checkpoint: str | Path | None = 
     """The expert of that name, set up for a task.
 
     Args:
-        name: one of ``EXPERTS``: the learnt policy (its mean, sampled, or with its memory cleared every step), MPC with
+        name: ``MODULE:FACTORY`` of your own (a callable from the task to a ``Policy``, imported from Python's path), or
+            one of ``EXPERTS``: the learnt policy (its mean, sampled, or with its memory cleared every step), MPC with
             free time to go or to a deadline, ZEM/ZEV, the feedback laws W, V and Q, and two of these with an estimate
             of the thrust that acts.
         task: gives port, attitude model and horizon. Where there is contact the classical laws with a deadline arrive
             with a closing speed in the middle of the allowed band; in the fixed-horizon task they stop at the port.
         checkpoint: of the learnt policy: file, folder, ``gentle``, ``hold``; the shipped one by default.
         seed: of the noise of sampled actions.
+
+    Raises:
+        InputError: none of that name, or one that cannot be imported or is no policy.
     """
+    check_expert(name)
+    if ":" in name:
+        return _own(name, task)
     if name in ADAPTIVE:
         return AdaptiveThrust(make_expert(ADAPTIVE[name], task), step_s=task.time_step_mean_s)
     where = {"port": get_port(task.port)}
@@ -50,6 +59,24 @@ def make_expert(name: str, task: TaskConfig, *, checkpoint: str | Path | None = 
         return MpcPolicy(deadline, **where)
     if name == "mpc":
         return MpcPolicy(Deadline(step_s=task.time_step_mean_s), mode="receding", **where)
-    if name == "zem":
-        return ZemZevPolicy(deadline, **where)
-    raise InputError("expert", name, " | ".join(EXPERTS))
+    return ZemZevPolicy(deadline, **where)
+
+
+def check_expert(name: str) -> None:
+    """Raises InputError unless it is one of ``EXPERTS``, or may be a ``MODULE:FACTORY``."""
+    if name not in EXPERTS and not re.fullmatch(r"[\w.]+:\w+", name):
+        raise InputError("--expert", name, f"{' | '.join(EXPERTS)} | MODULE:FACTORY of your own")
+
+
+def _own(name: str, task: TaskConfig) -> Policy:
+    module, _, factory = name.partition(":")
+    allowed = "MODULE:FACTORY that Python can import"
+    try:
+        make = getattr(importlib.import_module(module), factory)
+    except (ImportError, AttributeError) as error:
+        raise InputError("--expert", name, allowed, f"{error}. PYTHONPATH=FOLDER adds a folder.") from error
+    policy = make(task)
+    if not all(callable(getattr(policy, method, None)) for method in ("reset", "act")):
+        made = f"{name}, which made a {type(policy).__name__}"
+        raise InputError("--expert", made, "a policy: reset(count), act(observation)")
+    return policy

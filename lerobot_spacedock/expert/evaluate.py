@@ -182,7 +182,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     from lerobot_spacedock.expert.controllers import EXPERTS, make_expert
 
     parser = argparse.ArgumentParser(prog="python -m lerobot_spacedock.expert.evaluate", description=__doc__)
-    parser.add_argument("--policies", default="meta_rl", help=f"comma-separated: {', '.join(EXPERTS)}")
+    parser.add_argument("--policies", default="meta_rl", help=f"comma-separated: {', '.join(EXPERTS)}, MODULE:FACTORY")
     parser.add_argument("--tasks", default=",".join(TASKS), help=f"comma-separated: {', '.join(TASKS)}; default: all")
     parser.add_argument("--episodes", type=int, default=1000, help="of each task; default: 1000")
     parser.add_argument("--seed", type=int, default=HELD_OUT_SEED, help="of the first episode")

@@ -1,6 +1,7 @@
 """The controllers against closed forms, an independent integrator's physics, and the reference's attainable limits."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from lerobot_spacedock.env.scenario_config import MetaRanges
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.expert import mpc
 from lerobot_spacedock.expert.adaptive import AdaptiveThrust
+from lerobot_spacedock.expert.checkpoint import training_counts
 from lerobot_spacedock.expert.classical import hill_acceleration
 from lerobot_spacedock.expert.controllers import EXPERTS, make_expert
 from lerobot_spacedock.expert.deadline import Deadline
@@ -21,6 +23,7 @@ from lerobot_spacedock.expert.zem import ZemZevPolicy
 from lerobot_spacedock.physics.constants import MEAN_MOTION_rad_s as N
 from lerobot_spacedock.physics.contact import HARMONY_FORWARD, ZVEZDA_AFT
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 SEEDS = range(VALIDATION_SEED, VALIDATION_SEED + 40)
 
 
@@ -163,6 +166,21 @@ def test_wrong_options_say_what_is_allowed(make, named):
     with pytest.raises(InputError) as error:
         make()
     assert named in str(error.value)
+
+
+def test_a_controller_of_ones_own_is_an_expert(monkeypatch):
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    for task in (TASKS["contact random"], replace(TASKS["contact same"], port="harmony_forward")):
+        assert fly(make_expert("own_controller:make", task), task, SEEDS).idss.all()
+    assert training_counts("own_controller:make") is None  # what trained it is not known
+    for name, said in (
+        ("nowhere:make", "PYTHONPATH"),
+        ("own_controller:nothing", "nothing"),
+        ("dataclasses:asdict", "a policy"),
+        ("own_controller", "MODULE:FACTORY"),
+    ):
+        with pytest.raises(InputError, match=said):
+            make_expert(name, TaskConfig())
 
 
 @pytest.mark.parametrize("scale", [0.7, 1.0, 1.2])
