@@ -13,7 +13,8 @@ import lerobot_spacedock.adapters  # noqa: F401 - registers what the commands na
 from lerobot_spacedock import cli
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+CARDS = sorted((ROOT / "data_cards").rglob("*.md"))
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")), *CARDS]
 CONFIGS = sorted((ROOT / "configs").rglob("*.yaml"))
 MADE_BY_AN_EARLIER_STEP = ("outputs/", "CHECKPOINT")
 
