@@ -33,12 +33,12 @@ def contact_figure(study: Study, conditions: str) -> Figure:
             (0, 0, IDSS.pitch_yaw_rate_deg_s, IDSS.roll_rate_deg_s),
         ),
     )
-    drawn = ", ".join(f"{run.label} {min(len(e), POINTS_DRAWN)} of {len(e):,}" for run, e in flown)
+    drawn = ", ".join(f"{run.label} {min(len(e.values('lateral_m')), POINTS_DRAWN)} of {len(e):,}" for run, e in flown)
     return Figure(
         f"contact_{conditions}",
         f"Contact against the IDSS box, starts “{conditions}”",
         f"Shaded: the box. Axes hold the box and 98 % of the episodes; those beyond stand as crosses on the edge. "
-        f"Episodes drawn: {drawn}.",
+        f"Episodes drawn (none of a flight without contact, where contact is the task): {drawn}.",
         tuple(
             Panel(title, lambda ax, x=x, y=y, box=box: _scatter(ax, study, flown, x, y, box))
             for title, x, y, box in panels
@@ -145,8 +145,9 @@ def _scatter(ax: Axes, study: Study, flown: list, x_name: str, y_name: str, box:
     ax.add_patch(Rectangle((x0, y0), width, height, fill=False, ec=LIMIT, lw=1))
     for run, e in flown:
         style = run_style(study.colour(run))
-        x, y = _thin(e.columns[x_name]), _thin(e.columns[y_name])
-        x, y = x[~np.isnan(x + y)], y[~np.isnan(x + y)]
+        x, y = e.columns[x_name], e.columns[y_name]
+        there = ~np.isnan(x + y)
+        x, y = _thin(x[there]), _thin(y[there])
         inside = (x >= left) & (x <= right) & (y >= bottom) & (y <= top)
         ax.plot(
             x[inside], y[inside], style["marker"], ms=3.5, color=style["color"], alpha=0.6, mec="none", label=run.label
