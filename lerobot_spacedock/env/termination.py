@@ -29,7 +29,8 @@ def may_cross(start_m, end_m, start_m_s, end_m_s, step_s):
     """Whether a step can have met the port plane: axial distance and speed (outward) at both its ends."""
     # the closest that free deceleration can have come within the step
     dips = (start_m_s < 0.0) & (end_m_s > 0.0) & (min(start_m, end_m) <= -start_m_s * step_s)
-    return (start_m > 0.0) & ((end_m <= 0.0) | dips)
+    outside = (start_m > 0.0) | ((start_m == 0.0) & (start_m_s < 0.0))  # who starts on the plane, inwards, meets it now
+    return outside & ((end_m <= 0.0) | dips)
 
 
 @jit

@@ -39,6 +39,14 @@ def test_contact_is_where_the_closed_form_crosses_the_plane():
     assert info["contact_closing_speed_m_s"] == pytest.approx(at_plane[4], abs=1e-10)
 
 
+def test_who_starts_on_the_plane_meets_it_at_once_going_in_and_not_going_out():
+    _, terminated, _, info = flight((0.01, 0.0, 0.0), (0.0, 0.07, 0.0))
+    assert (terminated, info["outcome"]) == (True, "docked")
+    assert info["time_s"] < 1e-9
+    _, terminated, truncated, info = flight((0.01, 0.0, 0.0), (0.0, -0.05, 0.0), steps=[0.9, 0.9])
+    assert (terminated, truncated, info["outcome"]) == (False, True, "timeout")
+
+
 def test_a_touch_between_two_samples_is_found():
     """In through the plane and out again within one step of 4 s, by a brake that is on all along."""
     speed, brake, start = 0.1, 0.05, -0.09  # deepest point: -0.09 + 0.1²/(2*0.05) = +0.01
