@@ -193,7 +193,7 @@ def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
         **{name: _contact_number(contact, name) if touched else None for name in CONTACT_NUMBERS},
         "success": bool(stated_success) if stated_success is not None else idss,
         "idss": idss,
-        "atv": bool(contact["atv"]) if "atv" in contact else None,
+        "atv": bool(contact["atv"]) and touched if "atv" in contact else None,
         "corridor_violated": bool(outside.any()),
         "corridor_share": float(outside.mean()),
         "fly_through": crossed and not idss,

@@ -173,6 +173,7 @@ def test_who_hovers_before_the_port_has_not_docked_where_the_task_is_to_touch_it
     contact = {"config": {"contact": True, "hill_coupling": True}}
     hover = episode_metrics(make_log([-0.2, -0.12, -0.05], vy=0.07, metadata=contact))
     assert not hover["idss"]
+    assert not hover["atv"]
     assert not hover["success"]
     assert hover["idss_lateral"], "the conditions one by one are of the last state"
     assert hover["lateral_m"] is None
