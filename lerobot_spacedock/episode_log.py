@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 
 from lerobot_spacedock.errors import FileFormatError
 from lerobot_spacedock.files import aside
-from lerobot_spacedock.physics.frames import ACTION_NAMES, STATE_NAMES
+from lerobot_spacedock.physics.frames import ACTION_NAMES, OBSERVATION_NAMES, STATE_NAMES
 
 COLUMNS = ("step", "time", "dt", *STATE_NAMES, *ACTION_NAMES, "reward")
 POLICY_FILE = "policy.json"  # beside the logs of an evaluation under LeRobot: what flew
@@ -43,6 +43,11 @@ METADATA_KEYS = (
     "dynamics",
     "inference",
 )
+
+
+def observed_columns(observed: np.ndarray) -> dict[str, np.ndarray]:
+    """``EpisodeLog.extra`` of what a policy saw where that is not the truth: (K, 13), dataset units → names to (K,)."""
+    return {OBSERVED + name: observed[:, i].astype(np.float64) for i, name in enumerate(OBSERVATION_NAMES)}
 
 
 @dataclass(frozen=True)

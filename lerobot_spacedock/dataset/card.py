@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lerobot_spacedock.dataset import schema
-from lerobot_spacedock.dataset.env_flags import env_flags
+from lerobot_spacedock.dataset.env_flags import dataset_env_flags
 from lerobot_spacedock.dataset.findings import component_names
 from lerobot_spacedock.dataset.licence import license_of
 from lerobot_spacedock.dataset.pictures_check import FrameStore
@@ -264,7 +264,7 @@ def _statistics(reader: DatasetReader, stats: dict[str, Any]) -> str:
 
 
 def _use(reader: DatasetReader, repo_id: str) -> str:
-    flags = env_flags(reader.features, (reader.facts.get("env") or {}).get("env_id"))
+    flags = dataset_env_flags(reader)
     train = [
         f"lerobot-train --dataset.repo_id={repo_id} --dataset.video_backend=pyav",
         "--policy.type=act --policy.push_to_hub=false --output_dir=outputs/act",

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from lerobot_spacedock.dataset.env_flags import env_flags
+from lerobot_spacedock.dataset.env_flags import dataset_env_flags
 from lerobot_spacedock.dataset.findings import Report
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.reader import DatasetReader
@@ -59,9 +59,8 @@ def check(config: CheckConfig) -> int:
     passed = report.ok and not (config.strict and report.warnings)
     if passed:
         repo_id = config.repo_id or f"local/{root.name}"
-        reader = DatasetReader(root)
-        flags = env_flags(reader.features, (reader.facts.get("env") or {}).get("env_id"))
-        print(f"Next: lerobot-train --dataset.repo_id={repo_id} --dataset.root={root} {' '.join(flags)} …")
+        flags = " ".join(dataset_env_flags(DatasetReader(root)))
+        print(f"Next: lerobot-train --dataset.repo_id={repo_id} --dataset.root={root} {flags} …")
     return 0 if passed else 1
 
 

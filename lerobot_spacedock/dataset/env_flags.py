@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 from lerobot_spacedock.dataset import schema
+from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.errors import InputError
 
 
@@ -39,6 +40,11 @@ def env_flags(features: dict[str, dict[str, Any]], env_id: str | None) -> list[s
     if cameras and schema.IMAGE not in cameras:
         lines.append(f"--rename_map='{json.dumps({schema.IMAGE: cameras[0]})}'")
     return lines
+
+
+def dataset_env_flags(reader: DatasetReader) -> list[str]:
+    """The same for a dataset, in the task that it was made in."""
+    return env_flags(reader.features, (reader.facts.get("env") or {}).get("env_id"))
 
 
 def _observed(features: dict[str, dict[str, Any]]) -> tuple[str, ...] | None:

@@ -10,9 +10,11 @@ ENV_SOURCE = '''"""SpaceDock for LeRobot's EnvHub: needs `pip install lerobot_en
 
 import dataclasses
 
+from lerobot.envs.configs import EnvConfig
+
 from lerobot_spacedock.adapters.env_config import SpaceDockEnvConfig
 
-LEROBOTS = {"features", "features_map", "fps", "max_parallel_tasks", "disable_env_checker"}  # of every LeRobot env
+LEROBOTS = {field.name for field in dataclasses.fields(EnvConfig)} - {"task"}  # what every env of LeRobot's has
 
 
 def make_env(n_envs=1, use_async_envs=False, cfg=None):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from lerobot_spacedock.dataset import schema
-from lerobot_spacedock.episode_log import OBSERVED, EpisodeLog
+from lerobot_spacedock.episode_log import OBSERVED, EpisodeLog, observed_columns
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.metrics.episode import episode_metrics
 from lerobot_spacedock.physics.frames import ACTION_NAMES, OBSERVATION_NAMES, STATE_NAMES, observed_indices
@@ -30,7 +30,7 @@ def teaching_columns(*, label: np.ndarray, observed: np.ndarray | None = None) -
     """
     extra = {name: label[:, i] for i, name in enumerate(LABEL_COLUMNS)}
     if observed is not None:
-        extra |= {OBSERVED + name: observed[:, i] for i, name in enumerate(OBSERVATION_NAMES)}
+        extra |= observed_columns(observed)
     return extra
 
 

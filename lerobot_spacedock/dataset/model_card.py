@@ -44,11 +44,29 @@ def write_model_card(
     return path
 
 
+def evaluation_command(folder: Path, repo_id: str, task: str | None = None) -> list[str]:
+    """The words of ``lerobot-eval`` that fly a policy as it was trained, from the hub.
+
+    Args:
+        folder: its ``pretrained_model``.
+        repo_id: user/name.
+        task: gymnasium id; left out, that of its training's environment.
+    """
+    policy, training = _configs(folder)
+    task = task or (training.get("env") or {}).get("task")
+    return [f"lerobot-eval --policy.path={repo_id}", *env_flags(policy.get("input_features") or {}, task)]
+
+
+def _configs(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What a policy and its training say of themselves; the second may be nothing."""
+    training = folder / "train_config.json"
+    return read_object(folder / "config.json"), read_object(training) if training.exists() else {}
+
+
 def _card(folder: Path, repo_id: str, log_dir: str | None, license_id: str, tags: tuple[str, ...]) -> str:
     import yaml
 
-    policy = read_object(folder / "config.json")
-    training = read_object(folder / "train_config.json") if (folder / "train_config.json").exists() else {}
+    policy, training = _configs(folder)
     data = (training.get("dataset") or {}).get("repo_id")
     inputs = policy.get("input_features") or {}
     header: dict[str, Any] = {
@@ -60,8 +78,7 @@ def _card(folder: Path, repo_id: str, log_dir: str | None, license_id: str, tags
     if data:
         header["datasets"] = [data]
     tasks, results = _results(log_dir)
-    task = tasks[0] if tasks else (training.get("env") or {}).get("task")
-    use = " \\\n    ".join([f"lerobot-eval --policy.path={repo_id}", *env_flags(inputs, task)])
+    use = " \\\n    ".join(evaluation_command(folder, repo_id, tasks[0] if tasks else None))
     parts = [
         f"---\n{yaml.safe_dump(header, sort_keys=False).strip()}\n---",
         f"# {repo_id.partition('/')[2]}\n\nA policy of type `{policy.get('type')}`, trained to dock a "

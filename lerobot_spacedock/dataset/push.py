@@ -7,14 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from lerobot_spacedock.dataset.card import write_card
-from lerobot_spacedock.dataset.env_flags import env_flags
 from lerobot_spacedock.dataset.hub import HubError, checked_token, hub_errors, set_tag, upload_folder
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.licence import OWN
-from lerobot_spacedock.dataset.model_card import write_model_card
+from lerobot_spacedock.dataset.model_card import evaluation_command, write_model_card
 from lerobot_spacedock.dataset.roots import check_repo_id, existing_root, is_inside
 from lerobot_spacedock.errors import InputError, SpaceDockError
-from lerobot_spacedock.files import read_object
 from lerobot_spacedock.folders import free_space
 
 KINDS = ("dataset", "policy", "env")
@@ -171,8 +169,7 @@ def _next(config: PushConfig) -> str:
     if config.kind == "dataset":
         return f"lerobot-train --dataset.repo_id={config.repo_id} --policy.type=act --policy.push_to_hub=false …"
     if config.kind == "policy":
-        inputs = read_object(Path(config.root or "") / "config.json").get("input_features") or {}
-        return " ".join([f"lerobot-eval --policy.path={config.repo_id}", *env_flags(inputs, None), "…"])
+        return " ".join([*evaluation_command(Path(config.root or ""), config.repo_id), "…"])
     return f'lerobot.envs.factory.make_env("{config.repo_id}", trust_remote_code=True)'
 
 

@@ -18,10 +18,9 @@ from lerobot_spacedock.env.reward import STEP_TERMS
 from lerobot_spacedock.env.start import check_action, check_start, check_time_steps
 from lerobot_spacedock.env.sunlight import SunPath
 from lerobot_spacedock.env.termination import OUTCOMES, RUNNING
-from lerobot_spacedock.episode_log import OBSERVED, EpisodeLog, log_path, write_episode_log
+from lerobot_spacedock.episode_log import EpisodeLog, log_path, observed_columns, write_episode_log
 from lerobot_spacedock.errors import InputError, SimulationError
 from lerobot_spacedock.physics.frames import (
-    OBSERVATION_NAMES,
     POSITION,
     QUATERNION,
     STATE_NAMES,
@@ -257,10 +256,7 @@ class SpaceDockEnv(gym.Env):
         from lerobot_spacedock import __version__
 
         trace = {name: np.array(values) for name, values in self._trace.items()}
-        seen = {}
-        if self._readings:
-            columns = np.stack(self._readings, axis=1).astype(np.float64)
-            seen = {OBSERVED + name: column for name, column in zip(OBSERVATION_NAMES, columns, strict=True)}
+        seen = observed_columns(np.stack(self._readings)) if self._readings else {}
         metadata = {
             "version": __version__,
             "env_id": self.config.env_id,

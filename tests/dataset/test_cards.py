@@ -10,7 +10,7 @@ from huggingface_hub import DatasetCard, ModelCard
 from lerobot_spacedock.dataset.card import write_card, write_own
 from lerobot_spacedock.dataset.convert import ConvertConfig, convert
 from lerobot_spacedock.dataset.env_flags import env_flags
-from lerobot_spacedock.dataset.model_card import write_model_card
+from lerobot_spacedock.dataset.model_card import evaluation_command, write_model_card
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.metrics.statistics import clopper_pearson
 
@@ -49,6 +49,15 @@ def test_the_environment_that_fits_is_said_in_flags(features, env_id, expected, 
     flags = " ".join(env_flags(features, env_id))
     assert all(text in flags for text in expected), flags
     assert absent not in flags
+
+
+def test_a_policy_is_flown_in_the_task_that_it_was_trained_for(tmp_path):
+    (tmp_path / "config.json").write_text(json.dumps({"input_features": picture(3, 96, 128) | state(13)}))
+    assert "--env.task=SpaceDock-v0" in " ".join(evaluation_command(tmp_path, "me/act")), "nothing is known"
+    (tmp_path / "train_config.json").write_text(json.dumps({"env": {"task": "SpaceDockContact-v0"}}))
+    words = " ".join(evaluation_command(tmp_path, "me/act"))
+    assert "--env.task=SpaceDockContact-v0" in words
+    assert "--env.camera.height=96" in words
 
 
 def test_a_card_by_somebody_else_is_kept_and_one_of_ours_written_anew(tmp_path, capsys):
