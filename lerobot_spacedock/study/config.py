@@ -10,7 +10,14 @@ from typing import Any
 from lerobot_spacedock.env.registration import ENV_IDS
 from lerobot_spacedock.env.scenario_config import get_initial_conditions
 from lerobot_spacedock.errors import InputError
-from lerobot_spacedock.study.demonstrations import FIRST_SEED, KINDS, SEEDS, SEEDS_EACH
+from lerobot_spacedock.study.demonstrations import (
+    FIRST_SEED,
+    KINDS,
+    SEEDS,
+    SEEDS_EACH,
+    demos_config,
+    withholds_pose,
+)
 
 SAMPLERS = ("grid", "tpe")
 # the axes of a sweep, slowest first: fields of SweepConfig that hold a list, and what a trial calls one value of them
@@ -24,6 +31,8 @@ AXES = {
     "learning_rates": "lr",
     "dropouts": "dropout",
     "dim_models": "dim_model",
+    "dim_feedforwards": "dim_feedforward",
+    "encoder_layers": "n_encoder_layers",
     "vae": "use_vae",
 }
 
@@ -34,6 +43,8 @@ LIMITS = {
     "steps": (1, math.inf),
     "batch_sizes": (1, math.inf),
     "dim_models": (1, math.inf),
+    "dim_feedforwards": (1, math.inf),
+    "encoder_layers": (1, math.inf),
     "chunk_sizes": (1, math.inf),
     "episodes": (1, math.inf),
     "num_trials": (1, math.inf),
@@ -61,7 +72,7 @@ class SweepConfig:
     seeds: list[int] = field(default_factory=lambda: [0])
     # axis: kinds of demonstrations: clean | sampled | wide_starts | kicked_same | kicked | kicked_quiet | noisy |
     # terminal | oversampled | sampled_paper | kicked_paper | kicked_hold | kicked_gentle | kicked_W | kicked_V |
-    # kicked_mpc | kicked_meta | kicked_meta_W
+    # kicked_mpc | kicked_vision | kicked_meta | kicked_meta_W
     demonstrations: list[str] = field(default_factory=lambda: ["kicked"])
     # axis: how many of them
     num_demonstrations: list[int] = field(default_factory=lambda: [100])
@@ -75,6 +86,10 @@ class SweepConfig:
     dropouts: list[float] = field(default_factory=lambda: [0.0])
     # axis: width of ACT
     dim_models: list[int] = field(default_factory=lambda: [96])
+    # axis: width of its feed-forward layers
+    dim_feedforwards: list[int] = field(default_factory=lambda: [256])
+    # axis: layers of its encoder
+    encoder_layers: list[int] = field(default_factory=lambda: [1])
     # axis: with or without ACT's variational objective
     vae: list[bool] = field(default_factory=lambda: [False])
     # axis: actions predicted at once
@@ -115,9 +130,13 @@ class SweepConfig:
                     raise InputError(f"--{name}", value, allowed)
         for task in self.tasks:
             env_id, _, starts = task.partition("/")
-            if env_id not in ENV_IDS or ENV_IDS[env_id].get("withhold_pose"):
+            if env_id not in ENV_IDS:
                 raise InputError("--tasks", task, "ENV_ID/STARTS, such as SpaceDockContact-v0/same")
             get_initial_conditions(starts)
+            for kind in self.demonstrations:
+                if withholds_pose(env_id) != withholds_pose(demos_config(kind, 1, 0).env_id):
+                    allowed = "demonstrations of a task that withholds the pose for such tasks, others for the others"
+                    raise InputError("--tasks", task, allowed, f"{kind} shows other values of the state.")
         for coefficient in self.coefficients:
             if abs(coefficient) * (max(self.chunk_sizes) - 1) > 88.0:
                 raise InputError(

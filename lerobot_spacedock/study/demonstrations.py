@@ -22,6 +22,7 @@ from lerobot_spacedock.dataset.episode import rows_of, succeeded
 from lerobot_spacedock.dataset.segments import Segment, pieces
 from lerobot_spacedock.dataset.selection import best, score
 from lerobot_spacedock.dataset.statistics import vector_statistics
+from lerobot_spacedock.env.registration import ENV_IDS
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.expert.checkpoint import GENTLE, HOLD, find_checkpoint
 from lerobot_spacedock.files import aside, remove_abandoned
@@ -62,6 +63,13 @@ KINDS: dict[str, dict[str, Any]] = {
     "kicked_W": {"kicks": _KICKS, "initial_conditions": "random", "expert": "W"},
     "kicked_V": {"kicks": _KICKS, "initial_conditions": "random", "expert": "V"},
     "kicked_mpc": {"kicks": _KICKS, "initial_conditions": "random", "expert": "mpc"},
+    # where it is only the camera shows, and these students have none: configs/demos_vision_cpu.yaml
+    "kicked_vision": {
+        "kicks": KickConfig(probability=0.15),
+        "initial_conditions": "random,wide",
+        "env_id": "SpaceDockVision-v0",
+        "checkpoint": GENTLE,
+    },
     # the distribution of unknown chasers and imperfect sensors
     "kicked_meta": {
         "kicks": _KICKS,
@@ -75,6 +83,11 @@ KINDS: dict[str, dict[str, Any]] = {
 FIRST_SEED = 500_000  # where configs/demos_cpu.yaml begins; evaluations begin at 1000 and at 900,000
 SEEDS_EACH = 10_000  # training seed s flies from FIRST_SEED + s * SEEDS_EACH on
 SEEDS = 40  # training seeds for which that stays below the evaluations'
+
+
+def withholds_pose(env_id: str) -> bool:
+    """Whether the state of that environment holds velocity and rates alone."""
+    return bool(ENV_IDS[env_id].get("withhold_pose"))
 
 
 def demos_config(kind: str, num_episodes: int, seed: int) -> DemosConfig:
@@ -102,7 +115,7 @@ class Frames:
     """The frames of a set of demonstrations in memory.
 
     Attributes:
-        state: (F, 13) float32, dataset units.
+        state: (F, 13) float32, dataset units; (F, 6) of a task that withholds the pose.
         action: (F, 6) float32, N and N·m.
         starts: (E,) first frame of each episode.
         ends: (E,) one past its last.
@@ -166,7 +179,7 @@ def _fly(config: DemosConfig) -> Frames:
     )
     segment = Segment.parse(config.segment)
     parts = [part for i in kept for _, part in pieces(flown[i], segment, repeat_terminal=config.repeat_terminal)]
-    rows = [rows_of(part) for part in parts]
+    rows = [rows_of(part, withhold_pose=withholds_pose(config.env_id)) for part in parts]
     ends = np.cumsum([part.num_steps for part in parts])
     return Frames(
         state=np.concatenate([row[OBS_STATE] for row in rows]),

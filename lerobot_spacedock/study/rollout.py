@@ -16,9 +16,11 @@ from lerobot.utils.constants import OBS_ENV_STATE, OBS_STATE
 
 from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig
 from lerobot_spacedock.dataset.flight import fly
+from lerobot_spacedock.dataset.schema import observed_names
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.env.registration import ENV_IDS
 from lerobot_spacedock.metrics.episode import episode_metrics
+from lerobot_spacedock.physics.frames import OBSERVATION_NAMES
 from lerobot_spacedock.study.students import Student
 
 
@@ -32,6 +34,8 @@ class Pilot:
 
     def __init__(self, student: Student, coefficient: float | None) -> None:
         self._student = student
+        seen = observed_names(student.policy.config.input_features[OBS_STATE].shape[0])
+        self._columns = [OBSERVATION_NAMES.index(name) for name in seen]
         size = student.policy.config.chunk_size
         self._ensembler = None if coefficient is None else ACTTemporalEnsembler(coefficient, size)
 
@@ -42,8 +46,9 @@ class Pilot:
 
     @torch.no_grad()
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """(N, 13) float32 → N and N·m, (N, 6)."""
-        batch = self._student.preprocessor({OBS_STATE: (state := torch.from_numpy(observation)), OBS_ENV_STATE: state})
+        """(N, 13) float32 → N and N·m, (N, 6); a student of the camera's task is given its 6 values of them."""
+        state = torch.from_numpy(observation[:, self._columns])
+        batch = self._student.preprocessor({OBS_STATE: state, OBS_ENV_STATE: state})
         chunk = self._student.policy.predict_action_chunk(batch)
         action = chunk[:, 0] if self._ensembler is None else self._ensembler.update(chunk)
         return self._student.postprocessor(action).numpy().astype(np.float64)

@@ -4,8 +4,8 @@ Policy, processors, sampler, optimiser, schedule and the update itself are LeRob
 ``lerobot-train`` reads and collates frame by frame, which takes five times as long as the update of so small a network;
 here the frames lie in memory, normalised once. The weights are those of ``lerobot-train`` (a test compares them).
 
-ACT refuses a state without a picture or an ``observation.environment_state``, so the 13 observed values go in under
-both names.
+ACT refuses a state without a picture or an ``observation.environment_state``, so the observed values (13, or 6 where
+the pose is withheld) go in under both names.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ class StudentConfig:
     num_warmup_steps: int = 100
     seed: int = 0
 
-    def policy(self) -> ACTConfig:
-        """ACT's own configuration, for a state of 13 given as the environment's."""
+    def policy(self, size: int = len(OBSERVATION_NAMES)) -> ACTConfig:
+        """ACT's own configuration, for a state of ``size`` values given as the environment's."""
         return ACTConfig(
             input_features={
-                OBS_STATE: PolicyFeature(FeatureType.STATE, (len(OBSERVATION_NAMES),)),
-                OBS_ENV_STATE: PolicyFeature(FeatureType.ENV, (len(OBSERVATION_NAMES),)),
+                OBS_STATE: PolicyFeature(FeatureType.STATE, (size,)),
+                OBS_ENV_STATE: PolicyFeature(FeatureType.ENV, (size,)),
             },
             output_features={ACTION: PolicyFeature(FeatureType.ACTION, (ACTION_DIM,))},
             normalization_mapping=dict.fromkeys(("STATE", "ENV", "ACTION"), NormalizationMode.MEAN_STD),
@@ -91,7 +91,7 @@ class Student:
 def train(config: StudentConfig, frames: Frames) -> Student:
     """Trains stock ACT on the frames; the same seed gives the weights that ``lerobot-train`` gives."""
     set_seed(config.seed)
-    policy = ACTPolicy(config.policy())
+    policy = ACTPolicy(config.policy(frames.state.shape[1]))
     preprocessor, postprocessor = make_pre_post_processors(policy.config, dataset_stats=frames.stats)
     optimizer = AdamWConfig(lr=config.lr, weight_decay=config.weight_decay).build(policy.parameters())
     schedule = CosineAnnealingWithWarmupSchedulerConfig(num_warmup_steps=config.num_warmup_steps)

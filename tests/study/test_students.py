@@ -104,16 +104,23 @@ class _StateAsEnvironment(ObservationProcessorStep):
         return features
 
 
-@pytest.mark.parametrize("coefficient", [0.01, -1.0])
-def test_batched_episodes_are_those_of_lerobot_eval(frames, coefficient, tmp_path):
-    student = train(SMALL, frames)
-    batched = evaluate(Pilot(student, coefficient), env_config("SpaceDockContact-v0", "random"), range(1000, 1003))
+@pytest.mark.parametrize(
+    ("kind", "task", "coefficient"),
+    [
+        ("kicked", "SpaceDockContact-v0", 0.01),
+        ("kicked", "SpaceDockContact-v0", -1.0),
+        ("kicked_vision", "SpaceDockVision-v0", 0.01),
+    ],
+)
+def test_batched_episodes_are_those_of_lerobot_eval(kind, task, coefficient, tmp_path):
+    student = train(SMALL, demonstrations(demos_config(kind, 3, seed=0)))
+    batched = evaluate(Pilot(student, coefficient), env_config(task, "random"), range(1000, 1003))
 
     policy = student.policy
     policy.config.temporal_ensemble_coeff = coefficient
     policy.temporal_ensembler = ACTTemporalEnsembler(coefficient, SMALL.chunk_size)
     options = {"initial_conditions": "random", "obs_type": "agent_pos", "log_dir": str(tmp_path)}
-    env = SpaceDockEnvConfig(task="SpaceDockContact-v0", **options).create_envs(1)["spacedock"][0]
+    env = SpaceDockEnvConfig(task=task, **options).create_envs(1)["spacedock"][0]
     before = PolicyProcessorPipeline(steps=[_StateAsEnvironment()])
     after = PolicyProcessorPipeline(steps=[])
     stock = eval_policy(env, policy, before, after, student.preprocessor, student.postprocessor, 3, start_seed=1000)

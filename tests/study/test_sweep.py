@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from optuna.trial import TrialState
 
+from lerobot_spacedock import cli
 from lerobot_spacedock.cli import parse_config
 from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig
 from lerobot_spacedock.dataset.flight import fly
@@ -17,6 +18,7 @@ from lerobot_spacedock.episode_log import log_path, write_episode_log
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.expert.controllers import make_expert
 from lerobot_spacedock.study import sweep as sweep_module
+from lerobot_spacedock.study import table as table_module
 from lerobot_spacedock.study.config import SweepConfig
 from lerobot_spacedock.study.figure import FigureConfig, frontier, sweep_figure
 from lerobot_spacedock.study.results import read_trials
@@ -153,7 +155,7 @@ def test_settings_that_cannot_be_are_refused_by_name(config, field, value):
 def test_each_sweep_that_ships_can_be_read_and_names_itself(path):
     config = parse_config(SweepConfig, [f"--config_path={path}"], prog="spacedock sweep")
     assert config.name == path.stem
-    assert len(config.points()) > 3
+    assert len(config.points()) >= 3
     assert f"--config_path=configs/sweeps/{path.name}" in path.read_text()
 
 
@@ -173,6 +175,31 @@ def test_a_summary_counts_every_episode():
     assert found["distance_m"]["min"] == pytest.approx(0.01)
 
 
+@pytest.mark.parametrize(
+    ("axes", "shows"),
+    [
+        ({"tasks": ["SpaceDockContact-v0/wide"]}, "spacedock sweep-figure --results={}"),
+        ({"steps": [2000, 4000]}, "python -m lerobot_spacedock.study.table {}"),
+    ],
+)
+def test_the_next_command_of_a_sweep_works_and_leaves_published_figures_alone(
+    config, monkeypatch, capsys, tmp_path, axes, shows
+):
+    monkeypatch.setattr(sweep_module, "run_trial", result_of)
+    monkeypatch.chdir(tmp_path)
+    assert sweep(dataclasses.replace(config, **axes)) == 0
+    command = capsys.readouterr().out.splitlines()[-1]
+    assert command == "Next: " + shows.format(config.results)
+    if "sweep-figure" in shows:
+        assert cli.main(["sweep-figure", f"--results={config.results}"]) == 0
+        then = f"Next: python -m lerobot_spacedock.study.table {config.results}"
+        assert capsys.readouterr().out.splitlines()[-1] == then
+        assert (tmp_path / "outputs" / "figures" / "little.png").is_file()
+        assert not (tmp_path / "docs").exists()
+    else:
+        assert table_module.main([config.results]) == 0
+
+
 def test_the_figure_has_a_curve_for_each_chunk_with_all_its_seeds(config, monkeypatch, tmp_path):
     monkeypatch.setattr(sweep_module, "run_trial", result_of)
     sweep(config)
@@ -183,7 +210,7 @@ def test_the_figure_has_a_curve_for_each_chunk_with_all_its_seeds(config, monkey
     np.testing.assert_allclose(sorted(distance), [0.1, 0.101])
     drawn = FigureConfig(results=[config.results], out=str(tmp_path / "not" / "there"), tasks=config.tasks)
     assert sweep_figure(drawn) == 0
-    assert (tmp_path / "not" / "there" / "sweep_frontier.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "not" / "there" / "little.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(InputError, match="tidy"):
         sweep_figure(dataclasses.replace(drawn, demonstrations=["tidy"]))
     with pytest.raises(InputError, match="--tasks"):
