@@ -29,6 +29,10 @@ USAGE_ERROR = 2  # the exit status of argparse and of every shell tool for a com
 
 MOST_LISTED = 20  # options in an error message
 
+# the options that a file, or a folder, is read by: the first that a verb has
+OF_FILES = ("--log", "--source", "--results")
+OF_FOLDERS = ("--dataset", "--source", "--runs", "--root")
+
 
 @dataclasses.dataclass(frozen=True)
 class Verb:
@@ -61,6 +65,8 @@ VERBS = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one verb; a mistake in the input is one message on stderr and exit status 2."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments[:1] == ["help"] and len(arguments) > 1:
+        arguments = [arguments[1], "--help"]
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(_overview())
         return 0 if arguments else USAGE_ERROR
@@ -175,11 +181,10 @@ def _joined(arguments: Sequence[str], config_class: type, known: Sequence[str]) 
             if equals:  # a shell knows ~ only where a word begins with it
                 given[flag].append(os.path.expanduser(value) if value.startswith("~/") else value)
         elif flag is None:
-            meant = f"--{argument}"
-            hint = f"Did you mean {meant}?" if meant.partition("=")[0] in known else ""
-            raise InputError("option", argument, "options, which begin with --", hint)
+            raise InputError("option", argument, "options, which begin with --", _meant(argument, known))
         elif given[flag] and not kinds.get(flag, set()) & {list, tuple}:
-            raise InputError("option", argument, "options, which begin with --, and one value each")
+            allowed = "options, which begin with --, and one value each"
+            raise InputError("option", argument, allowed, _meant(argument, known))
         else:
             given[flag].append(argument)
     out = []
@@ -192,6 +197,22 @@ def _joined(arguments: Sequence[str], config_class: type, known: Sequence[str]) 
         else:
             out += [f"{flag}={value}" for value in values or ["true"]]
     return out
+
+
+def _meant(word: str, known: Sequence[str]) -> str:
+    """A hint at the option that a bare word was meant for: one without dashes, or the one that takes such a path."""
+    if f"--{word}".partition("=")[0] in known:
+        return f"Did you mean --{word}?"
+    ending = os.path.splitext(word)[1].lower()
+    if not (os.path.exists(word) or "/" in word or ending[1:2].isalpha()):
+        return ""
+    if ending in (".yaml", ".yml"):
+        return f"Did you mean --config_path={word}?"
+    options = OF_FILES if ending and not os.path.isdir(word) else OF_FOLDERS
+    option = next((option for option in options if option in known), None)
+    if option == "--runs":
+        return f"Did you mean --runs LABEL={word}?"
+    return f"Did you mean {option}={word}?" if option else ""
 
 
 def _flag_kinds(config_class: type, prefix: str = "--") -> Iterator[tuple[str, set[Any]]]:
@@ -208,6 +229,10 @@ def _options(known: Sequence[str], prog: str) -> str:
 
 
 def _suggestion(given: str, known: Sequence[str]) -> str:
+    if given.startswith("--env."):
+        meant = {"--env.task": "--env_id"}.get(given, f"--{given.removeprefix('--env.')}")
+        hint = f"Did you mean {meant}? " if meant in known else ""
+        return f"{hint}--env.… are options of lerobot-train and lerobot-eval."
     close = difflib.get_close_matches(given, list(known), n=1)
     return f"Did you mean {close[0]}?" if close else ""
 
@@ -216,7 +241,7 @@ def _overview() -> str:
     width = max(map(len, VERBS))
     verbs = "\n".join(f"  {name:<{width}}  {verb.summary}" for name, verb in VERBS.items())
     return (
-        "usage: spacedock <verb> [--flag=value ...]   (spacedock <verb> --help lists its flags)\n\n"
+        "usage: spacedock <verb> [--flag=value ...]   (spacedock help <verb> lists its flags)\n\n"
         f"{verbs}\n\n"
         "Training and evaluation are LeRobot's own: lerobot-train and lerobot-eval with --env.type=spacedock."
     )

@@ -96,6 +96,11 @@ def env_option(name: str) -> Any:
     return ENV_IDS.get(command_option("env.task"), {}).get(name)
 
 
+def env_decides(name: str) -> bool:
+    """Whether an option of the policy follows the command's env: one runs, and was given no ``--policy.NAME``."""
+    return running_command() is not None and command_option(f"policy.{name}") in (None, "null")
+
+
 def trained_picture_size() -> tuple[int, int] | None:
     """Rows and columns of the pictures that the command's policy saw, or its dataset holds; None if none is named here.
 

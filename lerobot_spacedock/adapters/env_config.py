@@ -64,7 +64,8 @@ class CameraOptions(CameraConfig):
 class SpaceDockEnvConfig(EnvConfig):
     """Spacecraft docking with the International Space Station."""
 
-    # gymnasium id: SpaceDock-v0 | SpaceDockContact-v0 | SpaceDockMeta-v0 | SpaceDockVision-v0
+    # gymnasium id: SpaceDock-v0 | SpaceDockContact-v0 | SpaceDockMeta-v0 | SpaceDockVision-v0. spacedock demos flies
+    # SpaceDockContact-v0 unless --env_id names another
     task: str | None = "SpaceDock-v0"
     # frames a second of the evaluation videos, one a step (the task's steps vary in length, about 0.9 s each); 1 where
     # an evaluation is recorded as a dataset

@@ -17,11 +17,12 @@ MAX_PAD_SHARE = 0.6  # of the picture's side that may be drawn outside it, for t
 def sensor_noise(config: CameraConfig, seed: int, time_s: float) -> np.random.Generator | None:
     """The source of one frame's noise: a function of the camera's seed, the episode's and the moment in it.
 
-    Whoever draws a state again draws its noise again. None for a camera without noise.
+    Whoever draws a state again draws its noise again, also by the float32 time that a dataset keeps. None for a camera
+    without noise.
     """
     if not config.sensor.noisy:
         return None
-    return np.random.default_rng([config.sensor.seed, seed % 2**63, round(1e6 * time_s)])
+    return np.random.default_rng([config.sensor.seed, seed % 2**63, int(np.float32(time_s).view(np.uint32))])
 
 
 class Sensor:

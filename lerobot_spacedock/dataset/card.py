@@ -13,6 +13,7 @@ from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.env_flags import dataset_env_flags
 from lerobot_spacedock.dataset.findings import component_names
 from lerobot_spacedock.dataset.licence import license_of
+from lerobot_spacedock.dataset.next_commands import evaluate_command, train_command
 from lerobot_spacedock.dataset.pictures_check import FrameStore
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.errors import FileFormatError, reading
@@ -146,6 +147,8 @@ def _making(reader: DatasetReader) -> str:
         starts = facts.get("initial_conditions") or [env["initial_conditions"]]
         lines.append(f"- environment: {env['env_id']}, port {env['port']}, starts {', '.join(starts)}")
         lines.append(f"- Sun: {env['sun']}")
+    elif facts.get("port"):
+        lines.append(f"- port: {facts['port']}")
     if facts.get("expert"):
         lines.append(f"- disturbance of the executed command: {_disturbance(facts.get('disturbance'))}")
     chosen = facts.get("selection")
@@ -264,22 +267,20 @@ def _statistics(reader: DatasetReader, stats: dict[str, Any]) -> str:
 
 
 def _use(reader: DatasetReader, repo_id: str) -> str:
-    flags = dataset_env_flags(reader)
-    train = [
-        f"lerobot-train --dataset.repo_id={repo_id} --dataset.video_backend=pyav",
-        "--policy.type=act --policy.push_to_hub=false --output_dir=outputs/act",
-        "--policy.chunk_size=5 --policy.n_action_steps=1 --policy.temporal_ensemble_coeff=0.01",
-    ]
-    evaluate = [
-        "lerobot-eval --policy.path=outputs/act/checkpoints/last/pretrained_model --output_dir=outputs/act_eval",
-        *flags,
-    ]
-    commands = "\n".join(" \\\n    ".join(lines) for lines in (train, evaluate))
-    return (
-        f"With LeRobot and its plugin `lerobot_env_spacedock` installed:\n\n```bash\n{commands}\n```\n\n"
-        "A chunk of 5 and a new prediction every step: with ACT's own defaults, 100 actions flown to their end, it "
-        "would fly most of the approach blind."
-    )
+    parts = [train_command(reader, repo_id)] + ([evaluate_command(reader)] if reader.cameras else [])
+    commands = "\n".join(" \\\n    ".join(lines) for lines in parts)
+    if reader.cameras:
+        said = (
+            "A chunk of 5 and a new prediction every step: with ACT's own defaults, 100 actions flown to their end, it "
+            "would fly most of the approach blind."
+        )
+    else:
+        said = (
+            "Stock ACT refuses a state alone: this draws the pictures (`FOLDER` is where the dataset was downloaded "
+            "to), and the card of what comes out says how to train on it. The environment that shows a policy of your "
+            f"own the same as this dataset: `{' '.join(dataset_env_flags(reader))}`."
+        )
+    return f"With LeRobot and its plugin `lerobot_env_spacedock` installed:\n\n```bash\n{commands}\n```\n\n{said}"
 
 
 def _limits(reader: DatasetReader, stats: dict[str, Any]) -> str:

@@ -7,13 +7,13 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from lerobot_spacedock.dataset.env_flags import dataset_env_flags
 from lerobot_spacedock.dataset.findings import Report
 from lerobot_spacedock.dataset.integrity import check_dataset
+from lerobot_spacedock.dataset.next_commands import train_command
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.dataset.residuals import TOLERANCES
 from lerobot_spacedock.dataset.roots import existing_root
-from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.errors import FileFormatError, InputError, reading
 from lerobot_spacedock.files import read_object, write_json
 from lerobot_spacedock.folders import check_writable
 
@@ -58,9 +58,9 @@ def check(config: CheckConfig) -> int:
         print(f"Wrote {config.json}")
     passed = report.ok and not (config.strict and report.warnings)
     if passed:
-        repo_id = config.repo_id or f"local/{root.name}"
-        flags = " ".join(dataset_env_flags(DatasetReader(root)))
-        print(f"Next: lerobot-train --dataset.repo_id={repo_id} --dataset.root={root} {flags} …")
+        repo_id = config.repo_id or f"local/{root.resolve().name}"
+        with reading(root, "a dataset that says how it was made"):
+            print(f"Next: {' '.join(train_command(DatasetReader(root), repo_id, root))}")
     return 0 if passed else 1
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from tqdm import tqdm
 
 from lerobot_spacedock.camera import CameraConfig
+from lerobot_spacedock.camera.config import PORTS
 from lerobot_spacedock.dataset.assemble import assemble
+from lerobot_spacedock.dataset.camera_flags import CameraFlags, over
 from lerobot_spacedock.dataset.encoder import check_encoder
 from lerobot_spacedock.dataset.episode import succeeded
 from lerobot_spacedock.dataset.frames import check_drawing, drawing_options
@@ -22,11 +24,13 @@ from lerobot_spacedock.dataset.scale import ExecutorConfig, run_executor
 from lerobot_spacedock.dataset.segments import Segment
 from lerobot_spacedock.dataset.selection import RULES, best, check_rule, score
 from lerobot_spacedock.dataset.shards import reason_of
+from lerobot_spacedock.dataset.source_env import first_episode, pictured_env, stated_env
 from lerobot_spacedock.dataset.sources import FORMATS, EpisodeRef, list_episodes, load
 from lerobot_spacedock.dataset.workers import check_workers
 from lerobot_spacedock.env.config import SpaceDockConfig
-from lerobot_spacedock.errors import FileFormatError, InputError
+from lerobot_spacedock.errors import FileFormatError, InputError, one_of
 from lerobot_spacedock.invocation import available_cores, command_line
+from lerobot_spacedock.metrics.episode import port_of
 
 
 @dataclass
@@ -59,11 +63,13 @@ class ConvertConfig:
     withhold_pose: bool | None = None
     # auto takes stored pictures and draws where there are none; draw always draws; none writes states alone
     images: str = "auto"
-    camera: CameraConfig = field(default_factory=CameraConfig)
-    # software | pyrender: the renderer where pictures are drawn
-    renderer: str = "software"
-    # fixed | random | orbit | eclipse: the Sun where pictures are drawn
-    sun: str = "fixed"
+    # zvezda_aft | harmony_forward: the port of flights that name none; left out, zvezda_aft
+    port: str | None = None
+    camera: CameraFlags = field(default_factory=CameraFlags)
+    # software | pyrender: the renderer where pictures are drawn; left out, as the flights state, or software
+    renderer: str | None = None
+    # fixed | random | orbit | eclipse: the Sun where pictures are drawn; left out, as the flights state, or fixed
+    sun: str | None = None
     storage: Storage = field(default_factory=Storage)
     # what the dataset says the task is
     task: str = "dock with the International Space Station"
@@ -80,6 +86,11 @@ class ConvertConfig:
             values.pop(name)
         return values
 
+    @property
+    def asked_port(self) -> str | None:
+        """That of the flights or, as everywhere, that of the camera where it is not the usual one."""
+        return self.port or (None if self.camera.port == CameraConfig.port else self.camera.port)
+
 
 def convert(config: ConvertConfig) -> int:
     """Runs the verb; see the module.
@@ -94,7 +105,7 @@ def convert(config: ConvertConfig) -> int:
         from lerobot_spacedock.dataset.sources.v21 import convert_v21
 
         return convert_v21(config, root)
-    check_encoder(_layout(config, config.camera))
+    check_encoder(_layout(config, over(config.camera, CameraConfig())))
     job = Job(root)
     with job.disk_errors(), job.lock():
         if job.begin(config.settings()):
@@ -135,7 +146,11 @@ def _check(config: ConvertConfig) -> None:
     if config.repeat_terminal < 0 or (config.repeat_terminal and Segment.parse(config.segment).whole):
         raise InputError("--repeat_terminal", config.repeat_terminal, "0, or more with a --segment such as last:10m")
     Segment.parse(config.segment)
-    _layout(config, config.camera).columns()
+    if config.port is not None:
+        one_of("--port", config.port, PORTS)
+    if config.port is not None and config.camera.port not in (None, CameraConfig.port, config.port):
+        raise InputError("--camera.port", config.camera.port, f"{config.port}, the --port", "Give --port alone.")
+    _layout(config, over(config.camera, CameraConfig())).columns()
 
 
 def _layout(config: ConvertConfig, camera: CameraConfig) -> DatasetLayout:
@@ -154,34 +169,39 @@ def _layout(config: ConvertConfig, camera: CameraConfig) -> DatasetLayout:
 def _plan(config: ConvertConfig) -> tuple[Plan, list[EpisodeRef]]:
     options = {"step_s": config.step_s} if config.format in ("hdf5", "npz", "minari", "lerobot") else {}
     source = config.source if config.format == "minari" else Path(config.source).resolve()
-    found = list_episodes(config.format, source, **options)
+    found = list_episodes(config.format, source, port=config.asked_port, **options)
     refs, selection, left_out = _select(config, found)
-    drawn = config.images == "draw" or (config.images == "auto" and not _has_pictures(refs))
-    env = _common_env(config, refs, drawn=drawn)
+    log, picture = first_episode(refs, pictures=config.images == "auto")
+    drawn = config.images == "draw" or (config.images == "auto" and picture is None)
+    inherited = _inherited(config)
+    env = stated_env(log, inherited)
     if env is not None:
         config = replace(
             config,
             with_mass=env.with_mass if config.with_mass is None else config.with_mass,
             withhold_pose=env.withhold_pose if config.withhold_pose is None else config.withhold_pose,
         )
-    drawing = drawing_options(env or _plain_env(config)) if config.images != "none" else None
-    if drawn and config.executor.here:
+    port = port_of(log.metadata).name if log is not None else config.asked_port or CameraConfig.port
+    shown = _shown(config, env or pictured_env(inherited, port), None if drawn else picture)
+    layout = _layout(config, shown.camera)
+    layout.columns()
+    drawing = drawing_options(shown) if config.images != "none" else None
+    if drawn and drawing is not None and config.executor.here:
         check_drawing(drawing)
-    camera = env.camera if env is not None else config.camera
     plan = Plan(
-        layout=_layout(config, camera),
+        layout=layout,
         num_shards=shard_count(len(refs), config.num_workers or available_cores()),
         drawing=drawing,
         redraw=config.images == "draw",
         segment=config.segment,
         repeat_terminal=config.repeat_terminal,
         skip_bad=config.skip_bad,
-        facts=_inherited(config)
+        facts=inherited
         | {
             "made_by": "spacedock convert",
             "command": command_line(),
             "source": {"format": config.format, "description": FORMATS[config.format], "episodes": len(found)},
-            **({} if env is None else {"env": asdict(env)}),
+            **({"port": port} if env is None else {"env": asdict(shown)}),
             "selection": selection,
             "segment": config.segment,
             "repeat_terminal": config.repeat_terminal,
@@ -192,6 +212,15 @@ def _plan(config: ConvertConfig) -> tuple[Plan, list[EpisodeRef]]:
         },
     )
     return plan, refs
+
+
+def _shown(config: ConvertConfig, env: SpaceDockConfig, stored: np.ndarray | None) -> SpaceDockConfig:
+    """``env`` with the camera, renderer and Sun that were asked for; else of the size of the stored picture, if any."""
+    base = env.camera
+    if stored is not None:
+        base = replace(base, height=stored.shape[0], width=stored.shape[1])
+    camera = replace(over(config.camera, base), port=env.port)
+    return replace(env, camera=camera, renderer=config.renderer or env.renderer, sun=config.sun or env.sun)
 
 
 def _inherited(config: ConvertConfig) -> dict[str, Any]:
@@ -236,43 +265,3 @@ def _rule_text(config: ConvertConfig) -> str:
         return "all of them"
     text = RULES[config.select][1]
     return f"successes first, then {text}" if config.successes_first else text
-
-
-def _common_env(config: ConvertConfig, refs: list[EpisodeRef], *, drawn: bool) -> SpaceDockConfig | None:
-    """The environment of the first episode; None where the source has none.
-
-    Where frames are drawn, camera, renderer and Sun are those that were asked for.
-    """
-    if config.format not in ("logs", "lerobot") or not refs:
-        return None
-    try:
-        recorded = load(refs[0]).log.metadata.get("config")
-        if not drawn:  # what the pictures show, which the flight's own configuration need not know
-            recorded = _inherited(config).get("env") or recorded
-    except FileFormatError:
-        return None
-    if not isinstance(recorded, dict):
-        return None
-    try:
-        env = SpaceDockConfig.from_options(**recorded)
-    except (InputError, TypeError):
-        return None
-    if not drawn:
-        size = (config.camera.height, config.camera.width)
-        if size == (CameraConfig.height, CameraConfig.width):  # none was asked for
-            size = (env.camera.height, env.camera.width)
-        return replace(env, camera=replace(env.camera, height=size[0], width=size[1]), log_dir=None)
-    camera = replace(config.camera, port=env.port)
-    return replace(env, camera=camera, renderer=config.renderer, sun=config.sun, log_dir=None)
-
-
-def _has_pictures(refs: list[EpisodeRef]) -> bool:
-    """Whether the first episode that can be read has any."""
-    for ref in refs:
-        with contextlib.suppress(FileFormatError):
-            return load(ref).frames is not None
-    return False
-
-
-def _plain_env(config: ConvertConfig) -> SpaceDockConfig:
-    return SpaceDockConfig(camera=config.camera, port=config.camera.port, renderer=config.renderer, sun=config.sun)

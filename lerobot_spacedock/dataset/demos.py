@@ -18,11 +18,13 @@ from tqdm import tqdm
 
 from lerobot_spacedock.camera import CameraConfig
 from lerobot_spacedock.dataset.assemble import assemble
-from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig
+from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig, disturbs
 from lerobot_spacedock.dataset.encoder import check_encoder
 from lerobot_spacedock.dataset.flight import fly
 from lerobot_spacedock.dataset.frames import check_drawing, drawing_options
 from lerobot_spacedock.dataset.job import Job, Plan, shard_count
+from lerobot_spacedock.dataset.next_commands import train_command
+from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.dataset.record import DatasetLayout, Storage
 from lerobot_spacedock.dataset.roots import check_repo_id, dataset_root
 from lerobot_spacedock.dataset.scale import ExecutorConfig, run_executor
@@ -68,7 +70,7 @@ class DemosConfig:
     # successful dockings rank before all others
     successes_first: bool = True
     # SpaceDock-v0 | SpaceDockContact-v0 | SpaceDockMeta-v0 | SpaceDockVision-v0 (the expert sees the state, the dataset
-    # shows velocity, rates and the picture)
+    # shows velocity, rates and the picture). lerobot-eval flies SpaceDock-v0 unless --env.task names this one
     env_id: str = "SpaceDockContact-v0"
     # same | random | same_dispersed | wide, or several with commas, taken in turn
     initial_conditions: str = "same"
@@ -163,8 +165,7 @@ def demos(config: DemosConfig) -> int:
         f"  kept {chosen['kept']} of {chosen['flown']} flown ({chosen['rule_text']}); {chosen['docked']} of them docked"
     )
     print(f"Next: spacedock check --repo_id={config.repo_id} --root={root}")
-    train = f"lerobot-train --dataset.repo_id={config.repo_id} --dataset.root={root}"
-    print(f"      {train} --policy.type=act --policy.push_to_hub=false …")
+    print(f"      {' '.join(train_command(DatasetReader(root), config.repo_id, root))}")
     return 0
 
 
@@ -182,6 +183,8 @@ def _check(config: DemosConfig) -> None:
     check_rule(config.select)
     if config.env_id not in ENV_IDS:
         raise InputError("--env_id", config.env_id, " | ".join(ENV_IDS))
+    if config.task in ENV_IDS:
+        raise InputError("--task", config.task, "the task in words", f"The environment is --env_id={config.task}.")
     for name in config.starts:
         get_initial_conditions(name)
     if config.num_episodes < 1:
@@ -197,6 +200,7 @@ def _check(config: DemosConfig) -> None:
     if config.repeat_terminal < 0 or (config.repeat_terminal and Segment.parse(config.segment).whole):
         raise InputError("--repeat_terminal", config.repeat_terminal, "0, or more with a --segment such as last:10m")
     Segment.parse(config.segment)
+    disturbs(config.kicks, config.noise)
     for name in config.starts:
         config.env_config(name)
     _layout(config).columns()
@@ -280,7 +284,6 @@ def _plan(config: DemosConfig, kept: int, facts: dict[str, Any]) -> Plan:
     from lerobot_spacedock.expert.checkpoint import training_counts
 
     env = config.env_config(config.starts[0])
-    disturbed = config.kicks.probability > 0.0 or config.noise.thrust_N > 0.0 or config.noise.torque_Nm > 0.0
     return Plan(
         layout=_layout(config),
         num_shards=shard_count(kept, config.num_workers or available_cores()),
@@ -298,7 +301,9 @@ def _plan(config: DemosConfig, kept: int, facts: dict[str, Any]) -> Plan:
             "env": asdict(env),
             "initial_conditions": list(config.starts),
             "first_seed": config.seed,
-            "disturbance": {"kicks": asdict(config.kicks), "noise": asdict(config.noise)} if disturbed else None,
+            "disturbance": {"kicks": asdict(config.kicks), "noise": asdict(config.noise)}
+            if disturbs(config.kicks, config.noise)
+            else None,
             "selection": facts["selection"],
             "segment": config.segment,
             "repeat_terminal": config.repeat_terminal,

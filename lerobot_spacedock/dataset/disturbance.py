@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lerobot_spacedock.errors import in_range
+from lerobot_spacedock.errors import InputError, in_range
 from lerobot_spacedock.physics.frames import ACTION_DIM, POSITION
 
 _STREAM = 0x6B69636B  # keeps these draws apart from all others of the same seed
@@ -34,6 +34,14 @@ class KickConfig:
         in_range("--kicks.probability", self.probability, 0.0, 1.0)
         for name in ("thrust_N", "torque_Nm", "quiet_m"):
             in_range(f"--kicks.{name}", getattr(self, name), 0.0, np.inf)
+        for name in ("thrust_N", "torque_Nm"):
+            if not self.on and getattr(self, name) != getattr(KickConfig, name):
+                mend = "Add --kicks.probability=0.12, say: it is 0, and nothing is kicked."
+                raise InputError(f"--kicks.{name}", getattr(self, name), "nothing without --kicks.probability", mend)
+
+    @property
+    def on(self) -> bool:
+        return self.probability > 0.0
 
 
 @dataclass(frozen=True)
@@ -51,6 +59,25 @@ class NoiseConfig:
         in_range("--noise.correlation", self.correlation, 0.0, 0.9999)
         for name in ("thrust_N", "torque_Nm"):
             in_range(f"--noise.{name}", getattr(self, name), 0.0, np.inf)
+        if not self.on and self.correlation != NoiseConfig.correlation:
+            mend = "Add --noise.thrust_N=8 or --noise.torque_Nm=0.5, say: both are 0, and there is no noise."
+            raise InputError("--noise.correlation", self.correlation, "nothing without a standard deviation", mend)
+
+    @property
+    def on(self) -> bool:
+        return self.thrust_N > 0.0 or self.torque_Nm > 0.0
+
+
+def disturbs(kicks: KickConfig, noise: NoiseConfig) -> bool:
+    """Whether anything is added to the commands.
+
+    Raises:
+        InputError: a calm zone of what is calm everywhere.
+    """
+    if kicks.quiet_m and not (kicks.on or noise.on):
+        mend = "Add --kicks.probability=0.12, say: without kicks and noise all is quiet."
+        raise InputError("--kicks.quiet_m", kicks.quiet_m, "nothing without --kicks.probability or --noise", mend)
+    return kicks.on or noise.on
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import json
+import shlex
+from dataclasses import asdict
 from typing import Any
 
 from lerobot_spacedock.dataset import schema
+from lerobot_spacedock.dataset.job import dotted
 from lerobot_spacedock.dataset.reader import DatasetReader
+from lerobot_spacedock.env.config import SpaceDockConfig
+from lerobot_spacedock.env.registration import ENV_IDS
 from lerobot_spacedock.errors import InputError
+
+# what the features say (or the port, of the camera's), and what belongs to one flight alone
+_SAID_ELSEWHERE = ("env_id", "obs_type", "with_mass", "withhold_pose")
+_SAID_ELSEWHERE += ("camera.height", "camera.width", "camera.port", "log_dir", "label")
 
 
 def cameras_of(features: dict[str, dict[str, Any]]) -> list[str]:
@@ -15,16 +24,18 @@ def cameras_of(features: dict[str, dict[str, Any]]) -> list[str]:
     return [name for name, feature in features.items() if len(feature["shape"]) == 3]
 
 
-def env_flags(features: dict[str, dict[str, Any]], env_id: str | None) -> list[str]:
+def env_flags(features: dict[str, dict[str, Any]], env: dict[str, Any]) -> list[str]:
     """The flags of LeRobot's commands for an environment that shows a policy what these features hold.
 
     Args:
         features: LeRobot's, of a dataset or of a policy's inputs; picture shapes with the channels first or last.
-        env_id: of the task that it was made in or for, where that is known.
+        env: what is known of the environment that it was made in or for: options of ``SpaceDockConfig``, nested, of
+            which some or all may be missing, None, or of other environments.
     """
+    env_id = env.get("env_id") or SpaceDockConfig.env_id
     cameras = cameras_of(features)
     observed = _observed(features)
-    lines = [f"--env.type=spacedock --env.task={env_id or 'SpaceDock-v0'}"]
+    lines = [f"--env.type=spacedock {shlex.quote(f'--env.task={env_id}')}", *_differing(env_id, env)]
     if cameras:
         height, width = (size for size in features[cameras[0]]["shape"] if size != 3)
         lines.append(f"--env.camera.height={height} --env.camera.width={width}")
@@ -35,7 +46,7 @@ def env_flags(features: dict[str, dict[str, Any]], env_id: str | None) -> list[s
     if observed is not None and "mass" in observed:
         lines.append("--env.with_mass=true")
     withheld = observed is not None and "x" not in observed
-    if observed is not None and withheld != (env_id == "SpaceDockVision-v0"):
+    if observed is not None and withheld != ENV_IDS.get(env_id, {}).get("withhold_pose", False):
         lines.append(f"--env.withhold_pose={str(withheld).lower()}")
     if cameras and schema.IMAGE not in cameras:
         lines.append(f"--rename_map='{json.dumps({schema.IMAGE: cameras[0]})}'")
@@ -43,8 +54,24 @@ def env_flags(features: dict[str, dict[str, Any]], env_id: str | None) -> list[s
 
 
 def dataset_env_flags(reader: DatasetReader) -> list[str]:
-    """The same for a dataset, in the task that it was made in."""
-    return env_flags(reader.features, (reader.facts.get("env") or {}).get("env_id"))
+    """The same for a dataset, in the environment that it was made in."""
+    facts = reader.facts
+    # of flights that others made: what their pictures show
+    env = dict(facts.get("env") or {**(facts.get("drawing") or {}), "port": facts.get("port")})
+    if len(facts.get("initial_conditions") or []) > 1:
+        env.pop("initial_conditions", None)  # the first of several
+    return env_flags(reader.features, env)
+
+
+def _differing(env_id: str, env: dict[str, Any]) -> list[str]:
+    """A flag for each option that is not what the id has by default."""
+    plain = SpaceDockConfig.from_options(**{"env_id": env_id} | ENV_IDS.get(env_id, {}))
+    default, given = (dotted(json.loads(json.dumps(options))) for options in (asdict(plain), env))
+    return [
+        shlex.quote(f"--env.{name}={value if isinstance(value, str) else json.dumps(value)}")
+        for name, value in given.items()
+        if name in default and name not in _SAID_ELSEWHERE and value is not None and value != default[name]
+    ]
 
 
 def _observed(features: dict[str, dict[str, Any]]) -> tuple[str, ...] | None:

@@ -34,6 +34,25 @@ def teaching_columns(*, label: np.ndarray, observed: np.ndarray | None = None) -
     return extra
 
 
+def reading_columns(seen: np.ndarray, state: np.ndarray) -> dict[str, np.ndarray]:
+    """The further log columns of what a policy saw; none where that is the truth, to float32.
+
+    Args:
+        seen: dataset units, (K, 13), with the mass one more, without the pose seven fewer.
+        state: (K, 14), the truth.
+
+    Raises:
+        InputError: seen holds another number of values.
+    """
+    shown = dict(zip(schema.observed_names(seen.shape[1]), seen.T, strict=True))
+    shown.pop("mass", None)
+    exact = all(
+        np.array_equal(np.float32(values), np.float32(state[:, STATE_NAMES.index(name)]))
+        for name, values in shown.items()
+    )
+    return {} if exact else {OBSERVED + name: values.astype(np.float64) for name, values in shown.items()}
+
+
 def label_of(log: EpisodeLog) -> np.ndarray:
     """N and N·m, (K, 6): the label, which is the executed command unless the log says otherwise."""
     if not all(name in log.extra for name in LABEL_COLUMNS):
@@ -109,9 +128,7 @@ def log_of_rows(
     if schema.EXECUTED_ACTION in rows and not np.array_equal(rows[schema.ACTION], action):
         extra |= teaching_columns(label=rows[schema.ACTION])
     if schema.TRUE_STATE in rows:
-        true = dict(zip(STATE_NAMES, state.T, strict=True))
-        if not all(np.array_equal(values, true[name]) for name, values in seen.items() if name != "mass"):
-            extra |= {OBSERVED + name: values for name, values in seen.items() if name != "mass"}
+        extra |= reading_columns(rows[schema.STATE], state)
     if terminal_state is None:
         keep = steps - 1
         extra = {name: values[:keep] for name, values in extra.items()}

@@ -66,7 +66,7 @@ class Artist:
         start_s = float(log.metadata.get("segment_start_s", 0.0))
         last = log.num_steps if last is None else last
         for state, time_s in zip(log.state[first:last], log.time[first:last], strict=True):
-            moment = start_s + float(time_s)
+            moment = start_s + float(np.float32(time_s))  # to the bit what a dataset keeps: the noise hangs on it
             noise = sensor_noise(self.config, seed, moment)
             yield self.renderer.render(state[POSITION], state[QUATERNION], sun.at(moment), generator=noise)
 

@@ -26,6 +26,7 @@ from lerobot_spacedock.invocation import command_line
 
 MAX_SHARD_EPISODES = 50
 FINISHED = "finished"
+NEW_FOLDER = "a folder that does not exist"
 
 
 @dataclass(frozen=True)
@@ -63,9 +64,15 @@ class Plan:
 
 
 class Job:
-    """The working folder of the dataset at ``root``."""
+    """The working folder of the dataset at ``root``.
+
+    Raises:
+        InputError: a root without a name, beside which no folder can be.
+    """
 
     def __init__(self, root: Path) -> None:
+        if not root.name:
+            raise InputError("--root", str(root), NEW_FOLDER, "Name one, such as --root=outputs/docking.")
         self.root = root
         self.folder = root.with_name(f"{root.name}.part")
         self.plan_path = self.folder / "plan.json"
@@ -105,7 +112,7 @@ class Job:
         if self.root.exists():
             if (self.folder / FINISHED).exists() and not (self.folder / "complete").exists():
                 self._discard()  # killed when the dataset had its name already
-            raise InputError("--root", str(self.root), "a folder that does not exist", "Delete it or name another.")
+            raise InputError("--root", str(self.root), NEW_FOLDER, "Delete it or name another.")
         settings = json.loads(json.dumps(settings))
         path = self.folder / "settings.json"
         if path.exists():
@@ -116,7 +123,7 @@ class Job:
             if before | {"skip_bad": True} == settings:
                 self._skip_bad_from_now_on(settings)
             elif before != settings:
-                was, now = _flat(before), _flat(settings)
+                was, now = dotted(before), dotted(settings)
                 keys = [key for key in {**was, **now} if was.get(key) != now.get(key)]
                 changes = ", ".join(f"{key} was {was.get(key)!r}, now {now.get(key)!r}" for key in keys)
                 raise InputError(
@@ -182,9 +189,9 @@ def shard_count(episodes: int, workers: int) -> int:
     return max(1, min(episodes, max(4 * max(workers, 1), -(-episodes // MAX_SHARD_EPISODES))))
 
 
-def _flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+def dotted(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested settings by their dotted names, as their flags are called."""
     found: dict[str, Any] = {}
     for name, value in settings.items():
-        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+        found |= dotted(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -44,17 +45,19 @@ def write_model_card(
     return path
 
 
-def evaluation_command(folder: Path, repo_id: str, task: str | None = None) -> list[str]:
+def evaluation_command(folder: Path, repo_id: str, env: dict[str, Any] | None = None) -> list[str]:
     """The words of ``lerobot-eval`` that fly a policy as it was trained, from the hub.
 
     Args:
         folder: its ``pretrained_model``.
         repo_id: user/name.
-        task: gymnasium id; left out, that of its training's environment.
+        env: as ``env_flags`` takes it; left out, that of its training.
     """
     policy, training = _configs(folder)
-    task = task or (training.get("env") or {}).get("task")
-    return [f"lerobot-eval --policy.path={repo_id}", *env_flags(policy.get("input_features") or {}, task)]
+    if env is None:
+        env = training.get("env") or {}
+        env = env | {"env_id": env.get("task")}
+    return [f"lerobot-eval --policy.path={repo_id}", *env_flags(policy.get("input_features") or {}, env)]
 
 
 def _configs(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -77,8 +80,8 @@ def _card(folder: Path, repo_id: str, log_dir: str | None, license_id: str, tags
     }
     if data:
         header["datasets"] = [data]
-    tasks, results = _results(log_dir)
-    use = " \\\n    ".join(evaluation_command(folder, repo_id, tasks[0] if tasks else None))
+    env, results = _results(log_dir)
+    use = " \\\n    ".join(evaluation_command(folder, repo_id, env))
     parts = [
         f"---\n{yaml.safe_dump(header, sort_keys=False).strip()}\n---",
         f"# {repo_id.partition('/')[2]}\n\nA policy of type `{policy.get('type')}`, trained to dock a "
@@ -104,15 +107,18 @@ def _seen(inputs: dict[str, Any]) -> str:
     return " and ".join(words) or "nothing that its `config.json` names"
 
 
-def _results(log_dir: str | None) -> tuple[list[str], str]:
-    """The tasks flown, most episodes first; and the table."""
+def _results(log_dir: str | None) -> tuple[dict[str, Any] | None, str]:
+    """The environment in which most episodes were flown, from whatever starts; and the table."""
     if log_dir is None:
-        return [], "Not measured: pushed without `--log_dir`."
+        return None, "Not measured: pushed without `--log_dir`."
     rows: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    flown: Counter[str] = Counter()
     for path in sorted(Path(log_dir).rglob("episode_*.parquet")):
         log, metrics = measured(path)
         key = (str(log.metadata.get("env_id")), str(log.metadata.get("initial_conditions")))
         stated = {name: log.metadata.get(name) for name in ("outcome", "seed")}
+        env = {"env_id": log.metadata.get("env_id")} | (log.metadata.get("config") or {})
+        flown[json.dumps(env | {"initial_conditions": None}, sort_keys=True)] += 1
         rows.setdefault(key, []).append(metrics | stated)
     if not rows:
         raise InputError("--log_dir", log_dir, "a folder of episode logs (episode_*.parquet)")
@@ -138,8 +144,7 @@ def _results(log_dir: str | None) -> tuple[list[str], str]:
     commands = _evaluations(Path(log_dir))
     if commands:
         lines += ["Measured by\n\n```bash\n{}\n```".format("\n".join(commands))]
-    flown = Counter(task for (task, _), episodes in rows.items() for _ in episodes)
-    return [task for task, _ in flown.most_common()], "\n".join(lines)
+    return json.loads(flown.most_common(1)[0][0]), "\n".join(lines)
 
 
 def _evaluations(log_dir: Path) -> list[str]:

@@ -11,6 +11,8 @@ from lerobot_spacedock.dataset.hub import HubError, checked_token, hub_errors, s
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.licence import OWN
 from lerobot_spacedock.dataset.model_card import evaluation_command, write_model_card
+from lerobot_spacedock.dataset.next_commands import train_command
+from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.dataset.roots import check_repo_id, existing_root, is_inside
 from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.folders import free_space
@@ -64,6 +66,8 @@ def push(config: PushConfig) -> int:
         raise InputError("--kind", config.kind, " | ".join(KINDS))
     if config.large not in ("auto", "always", "never"):
         raise InputError("--large", config.large, "auto | always | never")
+    if config.log_dir is not None and config.kind != "policy":
+        raise InputError("--log_dir", config.log_dir, "nothing, unless --kind=policy")
     with tempfile.TemporaryDirectory() as scratch:
         try:
             folder = _prepare(config, Path(scratch))
@@ -137,7 +141,7 @@ def _upload(config: PushConfig, folder: Path) -> int:
         for tag in _tags(config, tagged):
             set_tag(api, tag, **shared, branch=config.branch)
     print(f"Pushed to {url}")
-    print(f"Next: {_next(config)}")
+    print(f"Next: {_next(config, folder)}")
     return 0
 
 
@@ -165,11 +169,11 @@ def _tags(config: PushConfig, tagged: set[str]) -> list[str]:
     return tags
 
 
-def _next(config: PushConfig) -> str:
+def _next(config: PushConfig, folder: Path) -> str:
     if config.kind == "dataset":
-        return f"lerobot-train --dataset.repo_id={config.repo_id} --policy.type=act --policy.push_to_hub=false …"
+        return " ".join(train_command(DatasetReader(folder), config.repo_id))
     if config.kind == "policy":
-        return " ".join([*evaluation_command(Path(config.root or ""), config.repo_id), "…"])
+        return " ".join([*evaluation_command(folder, config.repo_id), "…"])
     return f'lerobot.envs.factory.make_env("{config.repo_id}", trust_remote_code=True)'
 
 

@@ -97,7 +97,7 @@ def columns(
     narrow = min(height, width) < LEAST_IMAGE_px or (video and width < LEAST_VIDEO_WIDTH_px)
     if image and (narrow or (video and (height % 2 or width % 2))):
         allowed = f"{LEAST_IMAGE_px} pixels or more; for video even numbers, {LEAST_VIDEO_WIDTH_px} wide or more"
-        raise InputError("image size", f"{height}x{width}", allowed)
+        raise InputError("image size", f"{height}x{width}", allowed, "Give another --camera.height, --camera.width.")
     observed = tuple(STATE_NAMES[i] for i in observed_indices(with_mass=with_mass, withhold_pose=withhold_pose))
     observed_units = tuple(STATE_UNITS[STATE_NAMES.index(name)] for name in observed)
     found: dict[str, Column] = {}

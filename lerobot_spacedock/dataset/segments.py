@@ -62,9 +62,16 @@ class Segment:
 
 
 def tail(log: EpisodeLog, first: int) -> EpisodeLog:
-    """The episode from step ``first`` on; its time starts at 0 again."""
+    """The episode from step ``first`` on; its time starts at 0 again.
+
+    The metadata say where it begins in the whole episode, of which ``log`` may be a tail already.
+    """
     if first == 0:
         return log
+    begins = {
+        "segment_first_step": int(log.metadata.get("segment_first_step", 0)) + first,
+        "segment_start_s": float(log.metadata.get("segment_start_s", 0.0)) + float(log.time[first]),
+    }
     rows = log.num_steps + 1
     extra = {name: values[first:] for name, values in log.extra.items() if len(values) in (rows, rows - 1)}
     return replace(
@@ -74,7 +81,7 @@ def tail(log: EpisodeLog, first: int) -> EpisodeLog:
         action=log.action[first:],
         dt=log.dt[first:],
         reward=log.reward[first:],
-        metadata=log.metadata | {"segment_first_step": first, "segment_start_s": float(log.time[first])},
+        metadata=log.metadata | begins,
         extra=extra,
     )
 

@@ -166,7 +166,7 @@ def _frames(
         progress.write(b"\0" * part.num_steps)
         return None
     if episode.frames is None or plan.redraw:
-        return _counted(artist.draw(episode.log, first), progress)
+        return _counted(artist.draw(part), progress)
     return _counted(resized(episode.frames(first), plan.layout.height, plan.layout.width, sizes), progress)
 
 

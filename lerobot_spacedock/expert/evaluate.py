@@ -196,8 +196,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise InputError("--json", str(arguments.json), "the name of a file", "This is a folder.")
         if arguments.json:
             check_writable(arguments.json.parent, "--json")
+        names = arguments.policies.split(",")
+        if arguments.checkpoint and not any(name.startswith("meta_rl") for name in names):
+            raise InputError("--checkpoint", arguments.checkpoint, "nothing, unless --policies names a meta_rl")
         rows = []
-        for name in arguments.policies.split(","):
+        for name in names:
             for task in arguments.tasks.split(","):
                 if task not in TASKS:
                     raise InputError("--tasks", task, ", ".join(TASKS))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -20,6 +19,7 @@ from lerobot_spacedock.invocation import available_cores
 from lerobot_spacedock.metrics.catalog import NAMES
 from lerobot_spacedock.metrics.crossing import range_rate
 from lerobot_spacedock.metrics.episode import ATV_CONDITIONS, IDSS_CONDITIONS, episode_metrics
+from lerobot_spacedock.metrics.task import Task, plain_name, task_of
 from lerobot_spacedock.metrics.visitation import CellCounts, count_cells, merge
 from lerobot_spacedock.physics.frames import OBSERVATION_INDICES, POSITION, VELOCITY
 
@@ -28,7 +28,6 @@ RANGE_GRID_M = np.concatenate([[0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4], np.linspac
 TRACES_KEPT = 100  # of each set, for the figures that draw episodes one by one
 SURPLUS = "surplus episode of the last vector batch, beyond the number that was asked for"
 BATCH = 64
-_NOT_IN_NAMES = re.compile(r"[^\w.+-]+", re.ASCII)
 POOL_FROM = 600  # files; below, starting workers costs more than they save
 
 
@@ -47,6 +46,7 @@ class EpisodeSet:
     """All episodes of one run from one set of initial conditions.
 
     Attributes:
+        task: what the run was flown to do.
         columns: per metric, (N,) float64; NaN marks "not defined" and is read through ``values`` only.
         starts: first states without mass, (N, 13), dataset units.
         folder: which of the run's folders (training seeds) each episode came from, (N,).
@@ -56,6 +56,7 @@ class EpisodeSet:
         visits: cells of (y, x) and of (y, z) over every state.
     """
 
+    task: Task
     columns: dict[str, np.ndarray]
     starts: np.ndarray
     folder: np.ndarray
@@ -99,7 +100,7 @@ class _Part:
     traces: dict[str, list[Trace]] = field(default_factory=dict)
     visits: dict[str, dict[str, CellCounts]] = field(default_factory=dict)
     exclusions: list[Exclusion] = field(default_factory=list)
-    tasks: dict[str, str] = field(default_factory=dict)  # gymnasium id → a file that was flown under it
+    tasks: dict[Task, str] = field(default_factory=dict)  # → a file that was flown for it
 
 
 def collect(
@@ -116,7 +117,7 @@ def collect(
         Episodes by set of initial conditions (``unspecified`` where a log does not say), and what was left out.
 
     Raises:
-        InputError: episodes of several tasks, or one episode twice in a folder: what flew them cannot be one run.
+        InputError: episodes of several tasks or ports, or one twice in a folder: what flew them cannot be one run.
     """
     jobs = [(i, batch) for i, files in enumerate(folders) for batch in batched(files, BATCH)]
     total = sum(len(files) for files in folders)
@@ -134,16 +135,14 @@ def collect(
     else:
         for job in jobs:
             _join(joined, _read_batch(job), progress)
-    if len(joined.tasks) > 1:
-        given = ", ".join(f"{task} ({path})" for task, path in sorted(joined.tasks.items()))
-        raise InputError("a run's episodes", given, "one task a run", "Name the folder of each task apart.")
+    task = _one_task(joined.tasks) if joined.tasks else None
     for name, rows in joined.rows.items():
         twice = [key for key, count in Counter(row[:2] for row in rows).items() if count > 1]
         if twice:
             _, file = twice[0]
             mend = "The folder holds several evaluations: name the folder of each."
             raise InputError("a run's episodes", f"{file} from {name!r} twice in one folder", "each once", mend)
-    return {name: _assemble(joined, name) for name in joined.rows}, joined.exclusions
+    return {name: _assemble(joined, name, task) for name in joined.rows}, joined.exclusions
 
 
 def measured(path: Path) -> tuple[EpisodeLog, dict[str, float | bool | None]]:
@@ -161,12 +160,8 @@ def measured(path: Path) -> tuple[EpisodeLog, dict[str, float | bool | None]]:
 
 
 def initial_conditions(log: EpisodeLog) -> str:
-    """The name of the set that an episode's start was drawn from; ``unspecified`` where the log does not say.
-
-    It becomes part of file names and anchors: what cannot stand there is an underscore.
-    """
-    stated = log.metadata.get("initial_conditions")
-    return _NOT_IN_NAMES.sub("_", stated)[:60] if isinstance(stated, str) and stated else "unspecified"
+    """The name of the set that an episode's start was drawn from; ``unspecified`` where the log does not say."""
+    return plain_name(log.metadata.get("initial_conditions")) or "unspecified"
 
 
 def closing_profile(log: EpisodeLog) -> np.ndarray:
@@ -194,8 +189,7 @@ def _read_batch(job: tuple[int, Sequence[Path]]) -> _Part:
         if log.metadata.get("surplus"):
             part.exclusions.append(Exclusion(str(path), SURPLUS))
             continue
-        if isinstance(task := log.metadata.get("env_id"), str):
-            part.tasks.setdefault(task, str(path))
+        part.tasks.setdefault(task_of(log.metadata), str(path))
         name = initial_conditions(log)
         numbers = [np.nan if metrics[key] is None else float(metrics[key]) for key in COLUMN_NAMES]
         row = (folder, path.name, numbers, log.state[0, OBSERVATION_INDICES], closing_profile(log))
@@ -211,6 +205,15 @@ def _read_batch(job: tuple[int, Sequence[Path]]) -> _Part:
             "yz": count_cells(xyz[:, 1], xyz[:, 2]),
         }
     return part
+
+
+def _one_task(found: dict[Task, str]) -> Task:
+    """The task of a run's episodes; by the logs that name it, where others do not."""
+    task = max(found, key=lambda task: task.env_id is not None)
+    if not all(map(task.agrees, found)):
+        given = ", ".join(sorted(f"{task} ({path})" for task, path in found.items()))
+        raise InputError("a run's episodes", given, "one task a run, at one port", "Name the folder of each apart.")
+    return task
 
 
 def _join(joined: _Part, part: _Part, progress: object) -> None:
@@ -229,10 +232,11 @@ def _join(joined: _Part, part: _Part, progress: object) -> None:
         progress.update(count)
 
 
-def _assemble(joined: _Part, name: str) -> EpisodeSet:
+def _assemble(joined: _Part, name: str, task: Task) -> EpisodeSet:
     folder, names, numbers, starts, closing = zip(*joined.rows[name], strict=True)
     table = np.array(numbers, dtype=np.float64)
     return EpisodeSet(
+        task=task,
         columns={key: table[:, i] for i, key in enumerate(COLUMN_NAMES)},
         starts=np.stack(starts),
         folder=np.array(folder),

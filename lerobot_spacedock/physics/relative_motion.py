@@ -65,10 +65,9 @@ def sine_cosine(angle):
 def hcw_transition_matrix(time_s: float, mean_motion_rad_s: float) -> np.ndarray:
     """State transition matrix of (r, v) in Hill axes over ``time_s``, (6, 6); m and m/s."""
     n, half = mean_motion_rad_s, 0.5 * mean_motion_rad_s * time_s
+    row = getattr(hcw_transition_row, "py_func", hcw_transition_row)  # the function itself under NUMBA_DISABLE_JIT
     columns = []
     for unit in np.eye(6):
-        r, v = hcw_transition_row.py_func(
-            tuple(unit[:3]), tuple(unit[3:]), n, 1.0 / n, math.sin(half), math.cos(half), time_s
-        )
+        r, v = row(tuple(unit[:3]), tuple(unit[3:]), n, 1.0 / n, math.sin(half), math.cos(half), time_s)
         columns.append([*r, *v])
     return np.array(columns).T

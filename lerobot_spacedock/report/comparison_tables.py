@@ -80,6 +80,7 @@ def pairs_table(study: Study) -> Table:
     notes = (
         "Negative effect: the first run's values are smaller. Holm: "
         "over all Mann–Whitney tests of this table. Where Shapiro p is small, lean on Mann–Whitney and Cliff's δ.",
+        *study.mixed(),
         *study.pooled(),
         *sorted(remarks),
     )
@@ -87,7 +88,7 @@ def pairs_table(study: Study) -> Table:
 
 
 def matched_table(study: Study) -> Table:
-    """Paired tests, where two runs flew the same starts."""
+    """Paired tests, where two runs flew the same starts for the same task."""
     head = ("set", "pair", "pairs", "metric", "median difference", "test", "statistic", "p", "p, Holm")
     drafts: list[tuple[list[Cell | str], float | None]] = []
     notes = []
@@ -133,6 +134,8 @@ def seeds_table(study: Study) -> Table | None:
 
 
 def _unmatched(run_a: Run, in_a: np.ndarray, run_b: Run, in_b: np.ndarray, shared: np.ndarray) -> str:
+    if not run_a.task.agrees(run_b.task):
+        return f"The runs flew different tasks: {run_a.task}; {run_b.task}."
     left_a, left_b = int(np.sum(in_a < 0)), int(np.sum(in_b < 0))
     if len(shared) == 0:
         return "The runs share no start."

@@ -21,6 +21,7 @@ def at_a_glance(study: Study) -> Table:
     head = (
         "set",
         "run",
+        "task",
         "episodes",
         "IDSS box",
         "median ‖r_K‖ (m)",
@@ -37,16 +38,17 @@ def at_a_glance(study: Study) -> Table:
         at_contact = number(summarize(miss).median)
         at_contact = Cell(f"{at_contact.text}, {len(miss)}", at_contact.value)
         shares = integer(len(e)), flag_share(e, "idss")
-        rows.append((conditions, run.label, *shares, distance, at_contact, smoothness, delta_v))
+        rows.append((conditions, run.label, str(run.task), *shares, distance, at_contact, smoothness, delta_v))
     notes = (
         "IDSS box: all initial contact conditions of the International Docking System Standard, at the state that the "
         "log names as contact, else at the crossing of the port plane. Where the task is to touch the port, a flight "
         "that never reached its plane is outside the box and has no miss: the count beside the median says of how many "
         "it is. In the fixed-horizon task the state is the last one, and the box limits the whole distance. "
         + INTERVALS,
+        *study.mixed(),
         *study.pooled(),
     )
-    return Table("glance", "Headline numbers", head, tuple(rows), notes, 2)
+    return Table("glance", "Headline numbers", head, tuple(rows), notes, 3)
 
 
 def ladder(study: Study) -> Table:
@@ -69,7 +71,10 @@ def ladder(study: Study) -> Table:
                 rows.append(
                     (conditions, method, integer(100), *cells, number(best) if conditions == "same" else number(None))
                 )
-    notes = (f"{INTERVALS} Tolerances: the IDSS lateral limit, and those that the paper's text names.",)
+    notes = (
+        f"{INTERVALS} Tolerances: the IDSS lateral limit, and those that the paper's text names.",
+        *study.beside_the_paper(),
+    )
     return Table("ladder", "Tolerance ladder", head, tuple(rows), notes, 2, frozenset(reference))
 
 

@@ -43,6 +43,7 @@ def effort_table(study: Study) -> Table:
         "Mean ± sample standard deviation. “–”: not tracked by the log's maker. Δv, impulses and peaks are of the "
         "commands; propellant is of what was executed.",
     ]
+    notes += study.mixed()
     if study.reference is None:
         notes.append("No run is named as reference (--reference): no ratio.")
     return Table("effort", "Effort", head, tuple(rows), tuple(notes), 2)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import combinations
 
 from lerobot_spacedock.metrics.collect import EpisodeSet, Exclusion
+from lerobot_spacedock.metrics.task import Task
 from lerobot_spacedock.report.runs import RunSpec
 
 ORDER = ("same", "random", "same_dispersed")
@@ -35,6 +37,11 @@ class Run:
     @property
     def label(self) -> str:
         return self.spec.label
+
+    @property
+    def task(self) -> Task:
+        """What all of its episodes were flown to do."""
+        return next(iter(self.sets.values())).task
 
 
 @dataclass
@@ -74,6 +81,23 @@ class Study:
             f"{', '.join(runs)}: episodes of several training seeds, taken together as if they were independent. The "
             "intervals and tests are of these networks, not of training again: for that see the spread over training "
             "seeds.",
+        )
+
+    def mixed(self) -> tuple[str, ...]:
+        """What a reader of comparisons has to know where runs flew different tasks or ports; else nothing."""
+        if all(a.task.agrees(b.task) for a, b in combinations(self.runs, 2)):
+            return ()
+        flown = "; ".join(f"{run.label}: {run.task}" for run in self.runs)
+        return (f"Different tasks ({flown}): between their runs a difference is the task's as well as the policy's.",)
+
+    def beside_the_paper(self) -> tuple[str, ...]:
+        """What a reader of the paper's rows has to know where a run's task is to touch the port; else nothing."""
+        labels = [run.label for run in self.runs if run.task.contact]
+        if not labels:
+            return ()
+        return (
+            f"{', '.join(labels)}: a task that ends at contact, where a flight that docks is at the port by definition."
+            " The paper's numbers are of 65 steps without contact, as in SpaceDock-v0: not of the same task.",
         )
 
     def colour(self, run: Run) -> int:

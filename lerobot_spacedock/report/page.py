@@ -57,9 +57,8 @@ def _runs(study: Study) -> str:
         counts = ", ".join(f"{name}: {len(episodes):,}" for name, episodes in run.sets.items())
         trained = max(episodes.training_seeds for episodes in run.sets.values())
         seeds = f"; {trained} training seeds" if trained > 1 else ""
-        items.append(
-            f"<li>{_swatch(place)}<b>{html.escape(run.label)}</b> <span>{html.escape(counts + seeds)}</span></li>"
-        )
+        said = html.escape(f"{run.task}; {counts}{seeds}")
+        items.append(f"<li>{_swatch(place)}<b>{html.escape(run.label)}</b> <span>{said}</span></li>")
     return f"<ul class=runs>{''.join(items)}</ul>"
 
 

@@ -118,7 +118,10 @@ def table3(study: Study) -> Table:
             for p in paper.ACCURACY:
                 values = (number(v) for v in (*p.distance_m, *p.speed_m_s))
                 rows.append((conditions, p.method, integer(100), *values))
-    notes = ("Every episode counts, whatever its outcome. Percentiles by linear interpolation.",)
+    notes = (
+        "Every episode counts, whatever its outcome. Percentiles by linear interpolation.",
+        *study.beside_the_paper(),
+    )
     return Table("table3", "Table 3. Final distance and speed", head, tuple(rows), notes, 2, frozenset(reference))
 
 
@@ -154,6 +157,8 @@ def table4(study: Study) -> Table:
         "the sample's (n − 1).",
         "The last row recomputes Welch's test from the printed means and spreads; the paper states "
         f"df = {paper.WELCH_DF}.",
+        *study.beside_the_paper(),
+        *study.mixed(),
         *study.pooled(),
         *sorted(remarks),
     )

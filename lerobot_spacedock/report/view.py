@@ -25,6 +25,8 @@ from lerobot_spacedock.report.interpolate import dense
 from lerobot_spacedock.report.rerun_scene import show_episode
 from lerobot_spacedock.report.video import SUFFIXES, film, film_times, write_film
 
+FPS, SPEED = 24.0, 4.0  # of films, where not given
+
 
 @dataclass
 class ViewConfig:
@@ -34,8 +36,8 @@ class ViewConfig:
     log: Path | None = None
     # Root of a LeRobotDataset, in place of a log
     dataset: Path | None = None
-    # Which episode of the dataset
-    episode: int = 0
+    # Which episode of the dataset; default: 0
+    episode: int | None = None
     # Write a Rerun recording (.rrd) instead of opening a window
     save: Path | None = None
     # Write a film of the approach with instruments (.mp4 or .gif)
@@ -44,18 +46,18 @@ class ViewConfig:
     render: Path | None = None
     # s, instant of --render; default: the last state
     at: float | None = None
-    # Pictures a second of the film
-    fps: float = 24.0
-    # How many times faster than the flight the film runs
-    speed: float = 4.0
+    # Pictures a second of the film; default: 24
+    fps: float | None = None
+    # How many times faster than the flight the film runs; default: 4
+    speed: float | None = None
     # Rows of the pictures; default: as the log states, else 480; a film has 480 at least
     height: int | None = None
     # Columns of the pictures; default: as the log states, else 640
     width: int | None = None
-    # Level of detail of the station: low or high
-    detail: str = "high"
-    # software or pyrender
-    renderer: str = "software"
+    # Level of detail of the station, low or high; default: as the log states, else low
+    detail: str | None = None
+    # software or pyrender; default: as the log states, else software
+    renderer: str | None = None
     # Camera frames in Rerun; false leaves them out
     camera: bool = True
 
@@ -63,27 +65,45 @@ class ViewConfig:
 def view(cfg: ViewConfig) -> int:
     """Shows or writes what was asked for, and says where it is."""
     _check(cfg)
-    source = DatasetEpisode(cfg.dataset, cfg.episode) if cfg.dataset else None
+    source = DatasetEpisode(cfg.dataset, cfg.episode or 0) if cfg.dataset else None
     log = source.log() if source else read_episode_log(cfg.log)
-    name = f"{cfg.dataset.name}, episode {cfg.episode}" if source else cfg.log.name
+    name = f"{cfg.dataset.name}, episode {source.episode}" if source else cfg.log.name
     artist = StatedArtist(cfg, log.metadata)
     try:
         if cfg.render is not None:
             _write_picture(cfg, log, artist, _caption(log, name))
             print(f"Picture: {cfg.render}")
         if cfg.video is not None:
-            times = film_times(log, cfg.fps, cfg.speed)
+            fps = cfg.fps or FPS
+            times = film_times(log, fps, cfg.speed or SPEED)
             pictures = tqdm(
                 film(log, artist, times, _caption(log, name)), total=len(times), unit="frame", desc="filming"
             )
-            print(f"Film: {write_film(cfg.video, pictures, cfg.fps)}")
+            print(f"Film: {write_film(cfg.video, pictures, fps)}")
         if cfg.save is not None or (cfg.video is None and cfg.render is None):
             frames = _frames(cfg, log, source, artist)
             show_episode(log, frames, vfov_deg=artist.vfov_deg, save=cfg.save, name=name, detail="low")
-            print(f"Recording: {cfg.save}\nNext: rerun {cfg.save}" if cfg.save else "Opened in the Rerun viewer.")
+            print(f"Recording: {cfg.save}" if cfg.save else "Opened in the Rerun viewer.")
     finally:
         artist.close()
+    print(f"Next: {_next(cfg)}")
     return 0
+
+
+def _next(cfg: ViewConfig) -> str:
+    """The command that shows what this one did not: the film after a picture, the recording after a film."""
+    if cfg.save is not None:
+        return f"rerun {cfg.save}"
+    source = f"--log={cfg.log}" if cfg.log else f"--dataset={cfg.dataset} --episode={cfg.episode or 0}"
+    if cfg.video is not None:
+        return f"spacedock view {source} --save={cfg.video.with_suffix('.rrd')}"
+    return f"spacedock view {source} --video={(cfg.render or Path('approach')).with_suffix('.mp4')}"
+
+
+def _given(cfg: ViewConfig) -> dict[str, Any]:
+    """What the user asks of the camera, in place of what the log states of it."""
+    asked = {"detail": cfg.detail, "height": cfg.height, "width": cfg.width}
+    return {name: value for name, value in asked.items() if value is not None}
 
 
 def _film_size(camera: Mapping[str, Any]) -> dict[str, int]:
@@ -116,12 +136,12 @@ class StatedArtist:
         config = config if isinstance(config, Mapping) else {}
         stated = config.get("camera")
         camera = dict(stated) if isinstance(stated, Mapping) else {}
-        camera |= {"detail": cfg.detail, "port": port_of(metadata).name}
-        camera |= {key: value for key in ("height", "width") if (value := getattr(cfg, key)) is not None}
+        camera |= {"port": port_of(metadata).name} | _given(cfg)
         if cfg.video is not None and cfg.height is None and cfg.width is None:
             camera |= _film_size(camera)
         self.vfov_deg = float(camera.get("vfov_deg", CameraConfig.vfov_deg))
-        options = {"camera": camera, "renderer": cfg.renderer, "sun": config.get("sun") or "fixed"}
+        renderer = cfg.renderer or config.get("renderer") or BACKENDS[0]
+        options = {"camera": camera, "renderer": renderer, "sun": config.get("sun") or "fixed"}
         return Artist(**options, **{key: config.get(key) for key in ("station_mesh", "station_pose")})
 
     def draw(self, log: EpisodeLog, first: int, last: int) -> Iterator[np.ndarray]:
@@ -173,9 +193,17 @@ def _check(cfg: ViewConfig) -> None:
         )
     if cfg.log is not None and not cfg.log.is_file():
         raise InputError("--log", str(cfg.log), "an episode log that exists (episode_*.parquet)")
-    one_of("--renderer", cfg.renderer, BACKENDS)
-    stated = {"detail": cfg.detail, "height": cfg.height, "width": cfg.width}
-    CameraConfig(**{name: value for name, value in stated.items() if value is not None})
+    for flag, given, user, needed in (
+        ("--episode", cfg.episode, cfg.dataset, "--dataset"),
+        ("--at", cfg.at, cfg.render, "--render"),
+        ("--fps", cfg.fps, cfg.video, "--video"),
+        ("--speed", cfg.speed, cfg.video, "--video"),
+    ):
+        if given is not None and user is None:
+            raise InputError(flag, given, f"nothing, unless {needed} is given")
+    if cfg.renderer is not None:
+        one_of("--renderer", cfg.renderer, BACKENDS)
+    CameraConfig(**_given(cfg))
     for flag, path, endings in (
         ("--video", cfg.video, SUFFIXES),
         ("--save", cfg.save, (".rrd",)),
@@ -186,5 +214,5 @@ def _check(cfg: ViewConfig) -> None:
     if cfg.at is not None and not math.isfinite(cfg.at):
         raise InputError("--at", cfg.at, "seconds since the first state")
     for flag, value in (("--fps", cfg.fps), ("--speed", cfg.speed)):
-        if not 0.0 < value <= 1000.0:
+        if value is not None and not 0.0 < value <= 1000.0:
             raise InputError(flag, value, "above 0, up to 1000")

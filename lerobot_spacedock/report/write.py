@@ -128,6 +128,7 @@ def _run_json(study: Study, run) -> dict[str, Any]:
         }
     return {
         "label": run.label,
+        "task": asdict(run.task),
         "folders": [str(folder) for folder in run.spec.folders],
         "sets": sets,
         "excluded": [asdict(exclusion) for exclusion in run.exclusions],

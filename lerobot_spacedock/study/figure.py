@@ -35,11 +35,11 @@ class FigureConfig:
     # JSON that spacedock sweep wrote; several are joined
     results: list[str] = field(default_factory=list)
     # folder of the PNG and the SVG; made if absent
-    out: str = "docs/images"
-    # name of the files
-    key: str = "sweep_frontier"
-    # the tasks whose distance at the end and smoothness are drawn
-    tasks: list[str] = field(default_factory=lambda: ["SpaceDock-v0/same", "SpaceDockContact-v0/random"])
+    out: str = "outputs/figures"
+    # name of the files; by default that of the results
+    key: str | None = None
+    # the tasks whose distance at the end and smoothness are drawn; by default all that were flown
+    tasks: list[str] = field(default_factory=list)
     # kinds of demonstrations, a panel each; by default all that are there
     demonstrations: list[str] = field(default_factory=list)
 
@@ -47,16 +47,18 @@ class FigureConfig:
 def sweep_figure(config: FigureConfig) -> int:
     """Runs the verb; see the module."""
     trials = read_trials([Path(path) for path in config.results])
-    vary, _ = group(trials)
-    if others := [name for name in vary if name not in DRAWN]:
+    if not trials:
+        raise InputError("--results", " ".join(config.results), "results with a finished trial")
+    if others := not_drawn(trials):
         given = f"trials that differ in {', '.join(others)} too"
         mend = "Its points would be means over those: python -m lerobot_spacedock.study.table shows them apart."
         raise InputError("--results", given, f"trials that differ in {', '.join(DRAWN)} and seed alone", mend)
-    by_task = {task: frontier(trials, task) for task in config.tasks}
-    for task, curves in by_task.items():
-        if not curves:
-            flown = sorted({row["task"] for trial in trials for row in trial["rows"]})
-            raise InputError("--tasks", task, " ".join(flown) or "a task of a sweep with a finished trial")
+    flown = sorted({row["task"] for trial in trials for row in trial["rows"]})
+    tasks = config.tasks or flown
+    for task in tasks:
+        if task not in flown:
+            raise InputError("--tasks", task, " ".join(flown))
+    by_task = {task: frontier(trials, task) for task in tasks}
     known = sorted({kind for curves in by_task.values() for kind, _ in curves})
     kinds = config.demonstrations or known
     chunks = sorted({chunk for curves in by_task.values() for _, chunk in curves})
@@ -65,14 +67,22 @@ def sweep_figure(config: FigureConfig) -> int:
         raise InputError("--demonstrations", missing, " ".join(known))
     panels = tuple(
         Panel(f"{kind.replace('_', ' ')}, {task}", partial(_draw, task=task, kind=kind, chunks=chunks, by_task=by_task))
-        for task in config.tasks
+        for task in tasks
         for kind in kinds
     )
     title, out = "Distance at the end against smoothness", Path(config.out)
+    key = config.key or "_".join(Path(path).stem for path in config.results)
     out.mkdir(parents=True, exist_ok=True)
-    for path in write_paper_files(Figure(config.key, title, title, panels, columns=len(kinds)), out):
+    for path in write_paper_files(Figure(key, title, title, panels, columns=len(kinds)), out):
         print(f"Wrote {path}")
+    print(f"Next: python -m lerobot_spacedock.study.table {' '.join(config.results)}")
     return 0
+
+
+def not_drawn(trials: list[dict[str, Any]]) -> list[str]:
+    """The axes that trials differ in and that a figure does not show; it can be drawn where there is none."""
+    vary, _ = group(trials)
+    return [name for name in vary if name not in DRAWN]
 
 
 def frontier(

@@ -39,7 +39,7 @@ def read_trials(paths: Sequence[Path]) -> list[dict[str, Any]]:
     for trial in trials:
         point = json.dumps(trial["point"], sort_keys=True)
         if point in seen:
-            raise InputError("--results", f"the trial {point} twice", "files whose trials differ")
+            raise InputError("--results", f"twice the trial {point}", "files whose trials differ")
         seen[point] = None
     return trials
 

@@ -22,6 +22,7 @@ from lerobot_spacedock.errors import InputError, MissingDependencyError
 from lerobot_spacedock.files import remove_abandoned, write_text
 from lerobot_spacedock.folders import disk_errors
 from lerobot_spacedock.study.config import SweepConfig
+from lerobot_spacedock.study.results import read_trials
 from lerobot_spacedock.study.trial import run_trial
 
 try:
@@ -57,14 +58,23 @@ def _sweep(config: SweepConfig) -> int:
     _work(study, config)
     path = write_results(study, config)
     finished = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-    print(f"Wrote {len(finished)} trials to {path}")
+    print(f"Finished {len(finished)} trials; wrote {path}")
     for trial in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
         host, pid, *_ = trial.user_attrs.get(OWNER, ("?", "?"))
         print(
             f"Trial {trial.number} still runs, on {host} in process {pid}; if that is no more, the same command again"
         )
-    print(f"Next: spacedock sweep-figure --results={path}" if finished else "Next: the same command again")
+    print(f"Next: {_shown_by(path) if finished else 'the same command again'}")
     return 0
+
+
+def _shown_by(results: Path) -> str:
+    """The command that shows what was found: a figure where one can, else the table."""
+    from lerobot_spacedock.study.figure import not_drawn  # matplotlib is not needed before
+
+    if not_drawn(read_trials([results])):
+        return f"python -m lerobot_spacedock.study.table {results}"
+    return f"spacedock sweep-figure --results={results}"
 
 
 def open_study(config: SweepConfig) -> optuna.Study:
@@ -203,10 +213,14 @@ def _values(result: dict[str, Any], config: SweepConfig) -> tuple[float, float]:
 
 
 def write_results(study: optuna.Study, config: SweepConfig) -> Path:
-    """Writes every finished trial, in the order of the grid, aside and renamed. Returns the file."""
+    """Writes every finished trial, in the order of the grid, aside and renamed. Returns the file.
+
+    A point that a search tried again stands there once: as another trial it would pass for another training seed.
+    """
     path = Path(config.results or f"results/sweep_{config.name}.json")
     finished = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-    results = [trial.user_attrs[RESULT] for trial in finished]
+    found = [trial.user_attrs[RESULT] for trial in finished]
+    results = list({json.dumps(result["point"], sort_keys=True): result for result in found}.values())
     if config.sampler == "grid":
         points = config.points()
         results.sort(key=lambda result: points.index(result["point"]))

@@ -143,6 +143,8 @@ def test_the_commands_options_are_read_from_flags_and_file(command, tmp_path, pr
 def test_a_controller_takes_the_attitude_model_of_the_env_that_the_command_names(command, flags, coupled):
     command("lerobot-eval", *flags)
     assert SpaceDockMpcConfig(device="cpu").hill_coupling is coupled
+    assert SpaceDockMpcConfig(device="cpu", hill_coupling=not coupled).hill_coupling is coupled  # as one was saved
+    command("lerobot-eval", *flags, f"--policy.hill_coupling={not coupled}")
     assert SpaceDockMpcConfig(device="cpu", hill_coupling=not coupled).hill_coupling is not coupled
 
 

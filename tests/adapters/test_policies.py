@@ -12,7 +12,9 @@ from local_hub import TOKEN, LocalHub
 
 from lerobot_spacedock.adapters import SpaceDockEnvConfig
 from lerobot_spacedock.adapters.command_line import OptionError
+from lerobot_spacedock.env.config import TaskConfig
 from lerobot_spacedock.errors import FileFormatError, InputError, SpaceDockError
+from lerobot_spacedock.expert.controllers import make_expert
 
 TYPES = ("spacedock_meta_rl", "spacedock_mpc", "spacedock_zem", "spacedock_feedback")
 ENV = {"obs_type": "agent_pos"}
@@ -125,6 +127,43 @@ def test_the_saved_config_tells_the_port_and_the_attitude_model(tmp_path):
     build("spacedock_mpc", port="harmony_forward", hill_coupling=True).save_pretrained(tmp_path)
     saved = json.loads((tmp_path / "config.json").read_text())
     assert (saved["type"], saved["port"], saved["hill_coupling"]) == ("spacedock_mpc", "harmony_forward", True)
+
+
+@pytest.mark.parametrize(
+    ("flags", "port", "hill_coupling"),
+    [
+        (["--env.port=harmony_forward", "--env.task=SpaceDockContact-v0"], "harmony_forward", True),
+        (["--env.task=SpaceDockContact-v0"], "zvezda_aft", True),
+        (["--env.port=harmony_forward", "--policy.port=zvezda_aft"], "zvezda_aft", False),
+        (["--policy.hill_coupling=true"], "zvezda_aft", True),
+    ],
+)
+@pytest.mark.parametrize("saved", [{"port": "zvezda_aft", "hill_coupling": False}, {"port": "harmony_forward"}])
+def test_a_saved_policy_flies_in_the_env_that_the_command_names(
+    tmp_path, monkeypatch, saved, flags, port, hill_coupling
+):
+    build("spacedock_mpc", **saved).save_pretrained(tmp_path)
+    monkeypatch.setattr("sys.argv", ["lerobot-eval", f"--policy.path={tmp_path}", "--env.type=spacedock", *flags])
+    overrides = [flag.replace("--policy.", "--") for flag in flags if flag.startswith("--policy.")]
+    config = PreTrainedConfig.from_pretrained(tmp_path, cli_overrides=overrides)
+    assert (config.port, config.hill_coupling) == (port, hill_coupling)
+
+
+@pytest.mark.parametrize(
+    ("expert", "policy_type", "options"),
+    [
+        ("mpc_adaptive", "spacedock_mpc", {"mode": "receding"}),
+        ("W_adaptive", "spacedock_feedback", {"law": "W"}),
+    ],
+)
+def test_the_adaptive_experts_are_policy_types_too(expert, policy_type, options):
+    adaptive, plain = build(policy_type, adaptive=True, **options), build(policy_type, **options)
+    flown = fly(adaptive)
+    law = make_expert(expert, TaskConfig())
+    law.reset(3)
+    named = [torch.from_numpy(law.act(states(3, seed).numpy())) for seed in (0, 1, 2)]
+    torch.testing.assert_close(flown, torch.stack(named).float(), rtol=1e-5, atol=1e-5)
+    assert not torch.allclose(flown[1:], fly(plain)[1:])  # from the second step on, thrust by the estimate
 
 
 def test_weights_that_are_missing_are_an_error(tmp_path):

@@ -96,6 +96,59 @@ def test_bad_flags_name_the_flag_and_the_remedy(arguments, fragments):
         assert fragment in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("verb", "flag", "meant"),
+    [
+        ("demos", "--env.task=SpaceDockMeta-v0", "Did you mean --env_id?"),
+        ("demos", "--env.camera.height=96", "Did you mean --camera.height?"),
+        ("demos", "--env.type=spacedock", "lerobot-eval"),
+        ("view", "--env.task=SpaceDock-v0", "lerobot-eval"),
+        ("demos", "--task=SpaceDockMeta-v0", "The environment is --env_id=SpaceDockMeta-v0."),
+    ],
+)
+def test_the_environments_options_go_by_other_names_here(capsys, tmp_path, verb, flag, meant):
+    needed = ["--repo_id=a/b", f"--root={tmp_path / 'set'}"] if verb == "demos" else []
+    assert cli.main([verb, *needed, flag]) == 2
+    said = capsys.readouterr().err
+    assert flag.partition("=")[0] in said
+    assert meant in said
+    assert "Did you mean --task" not in said
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        ("view logs/episode_000001.parquet", "--log=logs/episode_000001.parquet"),
+        ("view a.parquet", "--log=a.parquet"),
+        ("view --save=a.rrd a.parquet", "--log=a.parquet"),
+        ("view set.v3", "--dataset=set.v3"),
+        ("check set.v3", "--root=set.v3"),
+        ("check outputs/cpu/dataset", "--root=outputs/cpu/dataset"),
+        ("report outputs/eval/act/episodes", "--runs LABEL=outputs/eval/act/episodes"),
+        ("convert rollouts.npz", "--source=rollouts.npz"),
+        ("sweep-figure results/sweep_metre.json", "--results=results/sweep_metre.json"),
+        ("demos configs/demos_cpu.yaml", "--config_path=configs/demos_cpu.yaml"),
+    ],
+)
+def test_a_path_without_an_option_is_told_which_it_needs(words, meant, monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "set.v3").mkdir()
+    assert cli.main(words.split()) == 2
+    assert f"Did you mean {meant}?" in capsys.readouterr().err
+
+
+def test_help_of_a_verb_is_found_both_ways(capsys):
+    said = []
+    for arguments in (["help", "check"], ["check", "--help"]):
+        with pytest.raises(SystemExit):
+            cli.main(arguments)
+        said.append(capsys.readouterr().out)
+    assert said[0] == said[1]
+    assert "usage: spacedock check" in said[0]
+    assert cli.main(["help", "chekc"]) == cli.USAGE_ERROR
+    assert "Did you mean check?" in capsys.readouterr().err
+
+
 def test_a_missing_option_is_named_without_a_list_of_all(capsys):
     assert cli.main(["convert", "--repo_id=a/b"]) == 2
     said = capsys.readouterr().err

@@ -14,6 +14,7 @@ from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.env.registration import ENV_IDS
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.expert.feedback import FeedbackPolicy
+from lerobot_spacedock.physics.contact import get_port
 from lerobot_spacedock.physics.frames import ACTION_NAMES, STATE_NAMES
 
 HEIGHT, WIDTH = 48, 64
@@ -27,7 +28,8 @@ def fly_some(seeds, *, kicks: KickConfig | None = None, **env_options) -> list[E
     env = make_env(**env_options)
     seeds = np.asarray(seeds)
     disturbance = Disturbance.draw(seeds, env.max_steps, kicks or KickConfig(), NoiseConfig())
-    return list(fly(FeedbackPolicy("V", hill_coupling=env.hill_coupling), env, seeds, disturbance))
+    law = FeedbackPolicy("V", port=get_port(env.port), hill_coupling=env.hill_coupling)
+    return list(fly(law, env, seeds, disturbance))
 
 
 def picture_of(step: int) -> np.ndarray:

@@ -1,16 +1,34 @@
 """What the cards say: valid for the hub, and commands that fit what they describe."""
 
 import json
+import shlex
+import types
+from dataclasses import asdict, dataclass
 
+import draccus
+import lerobot.policies.act.configuration_act  # noqa: F401 - registers --policy.type=act
 import numpy as np
 import pytest
-from dataset_samples import short, write_raw_export
+from dataset_samples import fly_some, short, write_raw_export
 from huggingface_hub import DatasetCard, ModelCard
+from lerobot.configs.train import TrainPipelineConfig
+from lerobot.envs.configs import EnvConfig
 
+import lerobot_spacedock.adapters.env_config  # noqa: F401 - registers --env.type=spacedock
+from lerobot_spacedock import cli
+from lerobot_spacedock.camera import CameraConfig
 from lerobot_spacedock.dataset.card import write_card, write_own
+from lerobot_spacedock.dataset.check import CheckConfig, check
 from lerobot_spacedock.dataset.convert import ConvertConfig, convert
-from lerobot_spacedock.dataset.env_flags import env_flags
+from lerobot_spacedock.dataset.demos import DemosConfig, demos
+from lerobot_spacedock.dataset.env_flags import dataset_env_flags, env_flags
 from lerobot_spacedock.dataset.model_card import evaluation_command, write_model_card
+from lerobot_spacedock.dataset.next_commands import evaluate_command, train_command
+from lerobot_spacedock.dataset.reader import DatasetReader
+from lerobot_spacedock.dataset.record import Storage
+from lerobot_spacedock.env.config import SpaceDockConfig
+from lerobot_spacedock.env.registration import ENV_IDS
+from lerobot_spacedock.episode_log import write_episode_log
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.metrics.statistics import clopper_pearson
 
@@ -46,7 +64,7 @@ def state(size: int) -> dict:
     ],
 )
 def test_the_environment_that_fits_is_said_in_flags(features, env_id, expected, absent):
-    flags = " ".join(env_flags(features, env_id))
+    flags = " ".join(env_flags(features, {"env_id": env_id}))
     assert all(text in flags for text in expected), flags
     assert absent not in flags
 
@@ -58,6 +76,120 @@ def test_a_policy_is_flown_in_the_task_that_it_was_trained_for(tmp_path):
     words = " ".join(evaluation_command(tmp_path, "me/act"))
     assert "--env.task=SpaceDockContact-v0" in words
     assert "--env.camera.height=96" in words
+
+
+@dataclass
+class Command:
+    """What of LeRobot's commands these flags are for."""
+
+    env: EnvConfig
+
+
+def parsed(flags: list[str]) -> SpaceDockConfig:
+    """The environment that LeRobot's own parser makes of them."""
+    return draccus.parse(Command, args=shlex.split(" ".join(flags))).env.space_dock_config()
+
+
+OPTIONS = {
+    "port": "harmony_forward",
+    "sun": "random",
+    "initial_conditions": "random",
+    "max_steps": 90,
+    "station_mesh": "my station.glb",
+    "meta": {"thrust_scale": [0.9, 1.0]},
+    "corridor": {"enabled": False},
+    "camera": {"vfov_deg": 45.0, "lamp": "on", "sensor": {"read_noise": 0.01}},
+}
+
+
+@pytest.mark.parametrize("env_id", ENV_IDS)
+def test_every_option_that_differs_from_the_tasks_own_is_a_flag_that_lerobot_reads(env_id):
+    size = {"height": 96, "width": 128}
+    given = OPTIONS | {"camera": OPTIONS["camera"] | size}
+    if env_id == "SpaceDock-v0":
+        given |= {"dynamics": "meta", "contact": True, "station_pose": [float(k) for k in range(16)]}
+    env = SpaceDockConfig.from_options(env_id=env_id, **(ENV_IDS[env_id] | given))
+    features = picture(96, 128, 3) | state(6 if env.withhold_pose else 13)
+    assert parsed(env_flags(features, asdict(env))) == env
+    assert parsed(env_flags(features, given | {"env_id": env_id, "fps": 1, "dynamics": given.get("dynamics")})) == env
+    plain = env_flags(features, asdict(SpaceDockConfig(env_id=env_id, **ENV_IDS[env_id])))
+    assert plain == [f"--env.type=spacedock --env.task={env_id}", "--env.camera.height=96 --env.camera.width=128"]
+
+
+def test_a_student_of_another_port_sun_and_lens_is_flown_there(tmp_path, capsys):
+    root, camera = tmp_path / "d", CameraConfig(height=32, width=48, vfov_deg=45.0)
+    options = {"port": "harmony_forward", "sun": "random", "camera": camera, "segment": "last:2", "num_workers": 1}
+    demos(DemosConfig("me/harmony", str(root), 1, num_candidates=1, expert="V", storage=Storage("image"), **options))
+    wanted = ["--env.port=harmony_forward", "--env.sun=random", "--env.camera.vfov_deg=45.0"]
+    assert all(flag in (root / "README.md").read_text() for flag in wanted)
+    env = parsed(dataset_env_flags(DatasetReader(root)))
+    assert (env.port, env.sun, env.camera, env.env_id) == (
+        "harmony_forward", "random", CameraConfig(32, 48, 45.0, port="harmony_forward"), "SpaceDockContact-v0"
+    )  # fmt: skip
+    facts = root / "meta" / "spacedock.json"
+    several = json.loads(facts.read_text()) | {"initial_conditions": ["random", "wide"]}
+    several["env"]["initial_conditions"] = "random"
+    facts.write_text(json.dumps(several))
+    assert parsed(dataset_env_flags(DatasetReader(root))).initial_conditions == "same", "no single one is theirs"
+
+
+def commands_after(text: str) -> list[list[str]]:
+    """The words of each command that is shown after "Next:"."""
+    return [shlex.split(line.removeprefix("Next:")) for line in text[text.index("Next:") :].splitlines()]
+
+
+def test_the_next_command_trains_what_docks_in_the_datasets_own_task(tmp_path, capsys, monkeypatch):
+    """By demos, by check and on the card alike, as LeRobot's own parser reads it."""
+    root, camera = tmp_path / "d", CameraConfig(height=32, width=48)
+    options = {"env_id": "SpaceDockVision-v0", "camera": camera, "segment": "last:2", "num_workers": 1}
+    demos(DemosConfig("me/vision", str(root), 1, num_candidates=1, expert="V", storage=Storage("image"), **options))
+    _, from_demos = commands_after(capsys.readouterr().out)
+    assert check(CheckConfig("me/vision", str(root), redraw=False)) == 0
+    (from_check,) = commands_after(capsys.readouterr().out)
+    assert from_demos == from_check
+    on_card = (root / "README.md").read_text().replace("\\\n", " ")
+    (on_card,) = [shlex.split(line) for line in on_card.splitlines() if line.startswith("lerobot-train")]
+    assert on_card == [word for word in from_demos if not word.startswith("--dataset.root=")]
+    monkeypatch.setattr("sys.argv", from_demos)
+    config = draccus.parse(TrainPipelineConfig, args=[*from_demos[1:], "--policy.device=cpu"])
+    policy = config.policy
+    assert (policy.type, policy.chunk_size, policy.n_action_steps) == ("act", 5, 1)
+    assert (config.env.task, config.dataset.root) == ("SpaceDockVision-v0", str(root))
+
+
+def test_states_alone_are_drawn_first_which_act_refuses(tmp_path, capsys, monkeypatch):
+    root = tmp_path / "my d"
+    options = {"image": False, "segment": "last:3", "num_workers": 1}
+    demos(DemosConfig("me/states", str(root), 1, num_candidates=1, expert="V", **options))
+    _, words = commands_after(capsys.readouterr().out)
+    assert "lerobot-train" not in (root / "README.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    assert words[0] == "spacedock"
+    small = ["--camera.height=16", "--camera.width=24", "--storage.kind=image", "--num_workers=1"]
+    assert cli.main([*words[1:], *small]) == 0
+    assert DatasetReader(tmp_path / "outputs" / "states_pictures").cameras == ["observation.images.camera"]
+
+
+def test_a_camera_of_another_name_is_not_renamed_in_training():
+    features = {name: feature | {"dtype": "image"} for name, feature in picture(32, 48, 3, name="front").items()}
+    reader = types.SimpleNamespace(features=features | state(13), facts={}, cameras=list(features))
+    assert not any("env." in line or "rename_map" in line for line in train_command(reader, "a/b"))
+    assert any("--rename_map" in line for line in evaluate_command(reader))
+
+
+def test_a_policy_is_flown_under_the_sun_and_lens_of_its_training_or_of_its_measurement(tmp_path):
+    inputs = picture(3, 96, 128) | state(13)
+    (tmp_path / "config.json").write_text(json.dumps({"type": "act", "input_features": inputs}))
+    trained = {"type": "spacedock", "task": "SpaceDockContact-v0", "sun": "orbit", "max_steps": None, "scalars": True}
+    (tmp_path / "train_config.json").write_text(json.dumps({"env": trained | {"camera": {"vfov_deg": 45.0}}}))
+    env = parsed(evaluation_command(tmp_path, "me/act")[1:])
+    assert (env.env_id, env.sun, env.camera.vfov_deg, env.max_steps) == ("SpaceDockContact-v0", "orbit", 45.0, 100)
+    for number, log in enumerate(fly_some([1, 2], port="harmony_forward", initial_conditions="random")):
+        write_episode_log(tmp_path / "logs" / f"episode_{number:06d}.parquet", log)
+    text = write_model_card(tmp_path, "me/act", str(tmp_path / "logs"), license_id="mit").read_text()
+    assert "--env.port=harmony_forward" in text
+    assert "--env.sun" not in text
+    assert "--env.initial_conditions" not in text, "the table has several"
 
 
 def test_a_card_by_somebody_else_is_kept_and_one_of_ours_written_anew(tmp_path, capsys):

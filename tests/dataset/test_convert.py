@@ -5,18 +5,22 @@ import dataclasses
 import json
 import pickle
 import shutil
+import sys
+import types
 
 import gymnasium as gym
 import h5py
 import numpy as np
 import pytest
-from dataset_samples import HEIGHT, WIDTH, picture_of, short, write_raw_export
+from dataset_samples import HEIGHT, WIDTH, fly_some, picture_of, short, write_raw_export
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
-from lerobot_spacedock.camera import CameraConfig
+from lerobot_spacedock.camera import CameraConfig, SensorConfig
+from lerobot_spacedock.cli import parse_config
 from lerobot_spacedock.dataset import schema
+from lerobot_spacedock.dataset.camera_flags import CameraFlags, SensorFlags, over
 from lerobot_spacedock.dataset.convert import ConvertConfig, convert
-from lerobot_spacedock.dataset.env_flags import env_flags
+from lerobot_spacedock.dataset.env_flags import dataset_env_flags, env_flags
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.dataset.record import Storage
@@ -86,7 +90,7 @@ def test_logs_of_a_task_that_withholds_the_pose_give_what_the_policy_saw(tmp_pat
     run(tmp_path / "logs", tmp_path / "whole", images="none", withhold_pose=False)
     features = DatasetReader(tmp_path / "whole").features
     assert list(features["observation.state"]["shape"]) == [13]
-    assert "--env.withhold_pose=false" in env_flags(features, "SpaceDockVision-v0")
+    assert "--env.withhold_pose=false" in env_flags(features, {"env_id": "SpaceDockVision-v0"})
 
 
 @pytest.mark.parametrize("kind", ["video", "image"])
@@ -325,6 +329,34 @@ def test_minari(flights, tmp_path, monkeypatch):
     assert report.worst["position_m"] < 1e-4, "the true times and states came with the infos"
 
 
+@pytest.mark.parametrize("env_id", ["SpaceDockMeta-v0", "SpaceDock-v0", "SpaceDockVision-v0"])
+def test_what_imperfect_sensors_showed_is_kept_beside_the_truth(tmp_path, monkeypatch, env_id):
+    """Minari itself is stood for by the two things that are read of it."""
+    env = gym.make(env_id, obs_type="agent_pos")
+    observation, info = env.reset(seed=3)
+    seen, infos = [observation["agent_pos"]], [info]
+    for _ in range(6):
+        observation, *_, info = env.step(np.ones(6, dtype=np.float32))
+        seen.append(observation["agent_pos"])
+        infos.append(info)
+    env.close()
+    episode = types.SimpleNamespace(
+        observations={"agent_pos": np.array(seen)},
+        actions=np.ones((6, 6), dtype=np.float32),
+        rewards=np.zeros(6),
+        infos={name: np.array([info[name] for info in infos]) for name in ("time_s", "state", "is_success")},
+    )
+    held = types.SimpleNamespace(episode_indices=[0], iterate_episodes=lambda indices: iter([episode]))
+    monkeypatch.setitem(sys.modules, "minari", types.SimpleNamespace(load_dataset=lambda name: held))
+    blind = env_id == "SpaceDockVision-v0"
+    run("some/where-v0", tmp_path / "d", format="minari", images="none", withhold_pose=blind)
+    rows = next(DatasetReader(tmp_path / "d").iterate()).rows
+    np.testing.assert_array_equal(rows["observation.state"], np.array(seen[:-1]))
+    np.testing.assert_array_equal(rows["true_state"], np.array([info["state"] for info in infos[:-1]], np.float32))
+    (log,) = logs_of(tmp_path / "d")
+    assert bool(log.extra.keys() & {"observed_x", "observed_vx"}) is (env_id == "SpaceDockMeta-v0")
+
+
 def test_select_keeps_the_best_by_the_stated_rule(flights, log_folder, tmp_path):
     run(log_folder, tmp_path / "d", images="none", num_episodes=2, select="propellant")
     used = [log.state[0, 6] - log.state[-1, 6] for log in flights]
@@ -501,3 +533,118 @@ def test_a_source_without_rewards_is_not_ranked_by_them(raw_export, tmp_path):
     with pytest.raises(InputError, match=r"--select: got return.* not in the source"):
         run(raw_export, tmp_path / "d", format="raw", images="none", num_episodes=1, select="return")
     assert not (tmp_path / "d").exists()
+
+
+@pytest.fixture(scope="module")
+def harmony():
+    """Dockings at the other port."""
+    flown = fly_some(range(100_000, 100_003), port="harmony_forward")
+    assert any(log.metadata["success"] for log in flown)
+    return flown
+
+
+def write_arrays(folder, logs, **more):
+    folder.mkdir()
+    for number, log in enumerate(logs):
+        held = {"state": log.state, "action": log.action, "time": log.time} | more
+        np.savez(folder / f"episode_{number}.npz", **held)
+
+
+def test_flights_of_others_are_judged_at_the_port_that_is_given(harmony, tmp_path):
+    write_arrays(tmp_path / "in", harmony)
+    options = {"format": "npz", "images": "none", "camera": CameraFlags()}
+    docked = [log.metadata["success"] for log in harmony]
+    for name, port in (("a", {"port": "harmony_forward"}), ("b", {"camera": CameraFlags(port="harmony_forward")})):
+        run(tmp_path / "in", tmp_path / name, **options | port)
+        reader = DatasetReader(tmp_path / name)
+        assert reader.about.column("success").tolist() == docked
+        assert {log.metadata["port"] for log in logs_of(tmp_path / name)} == {"harmony_forward"}
+        assert "--env.port=harmony_forward" in dataset_env_flags(reader)
+        assert "- port: harmony_forward" in (tmp_path / name / "README.md").read_text()
+    run(tmp_path / "in", tmp_path / "z", **options)
+    assert not DatasetReader(tmp_path / "z").about.column("success").any()
+    run(tmp_path / "z", tmp_path / "again", **options | {"format": "lerobot", "port": "harmony_forward"})
+    assert DatasetReader(tmp_path / "again").about.column("success").tolist() == docked, "whoever judged did not know"
+    run(tmp_path / "a", tmp_path / "part", **options | {"format": "lerobot", "segment": "last:5"})
+    assert "--env.port=harmony_forward" in dataset_env_flags(DatasetReader(tmp_path / "part"))
+
+
+def test_the_camera_follows_the_port(harmony, tmp_path):
+    write_arrays(tmp_path / "in", [short(harmony[0], 3)])
+    camera = CameraFlags(height=16, width=24)
+    run(tmp_path / "in", tmp_path / "d", format="npz", port="harmony_forward", camera=camera, storage=Storage("image"))
+    facts = json.loads((tmp_path / "d" / "meta" / "spacedock.json").read_text())
+    assert facts["drawing"]["camera"]["port"] == "harmony_forward"
+
+
+@pytest.mark.parametrize(
+    ("options", "flag"),
+    [
+        ({"port": "moon"}, "--port.*zvezda_aft | harmony_forward"),
+        ({"port": "zvezda_aft", "camera": CameraFlags(port="harmony_forward")}, "--camera.port"),
+        ({"port": "harmony_forward"}, r"--port.*zvezda_aft, which episode_1\d+\.parquet names"),
+        ({"camera": CameraFlags(vfov_deg=500.0)}, "camera.vfov_deg"),
+        ({"renderer": "crayon", "images": "draw"}, "renderer"),
+    ],
+)
+def test_a_port_that_contradicts_the_source_is_refused(log_folder, tmp_path, options, flag):
+    with pytest.raises(InputError, match=flag):
+        run(log_folder, tmp_path / "d", **{"images": "none", "camera": CameraFlags()} | options)
+    assert not (tmp_path / "d").exists()
+
+
+def env_of(root) -> dict:
+    return json.loads((root / "meta" / "spacedock.json").read_text())["env"]
+
+
+def test_pictures_of_logs_are_drawn_as_the_logs_state_and_flags_override(tmp_path):
+    sensor = {"blur_px": 0.5, "bloom_px": 3.0}
+    camera = {"height": 16, "width": 24, "vfov_deg": 45.0, "samples": 1, "sensor": sensor}
+    log = short(fly_some([7], sun="orbit", camera=camera, renderer="software")[0], 3)
+    write_episode_log(tmp_path / "logs" / "episode_000007.parquet", log)
+    options = {"camera": CameraFlags(), "storage": Storage("image")}
+    run(tmp_path / "logs", tmp_path / "d", **options)
+    env = env_of(tmp_path / "d")
+    assert (env["sun"], env["camera"]["vfov_deg"], env["camera"]["samples"]) == ("orbit", 45.0, 1)
+    assert (env["camera"]["height"], env["camera"]["width"], env["camera"]["sensor"]["blur_px"]) == (16, 24, 0.5)
+    report = check_dataset(tmp_path / "d")
+    assert (report.errors, report.psnr_dB[0] > 45.0) == ([], True)
+    # what equals a default is asked for all the same
+    asked = CameraFlags(vfov_deg=60.0, height=20, sensor=SensorFlags(blur_px=0.0))
+    run(tmp_path / "logs", tmp_path / "asked", **options | {"camera": asked, "sun": "fixed"})
+    env = env_of(tmp_path / "asked")
+    assert (env["sun"], env["camera"]["vfov_deg"], env["camera"]["samples"]) == ("fixed", 60.0, 1)
+    assert (env["camera"]["height"], env["camera"]["width"]) == (20, 24)
+    assert (env["camera"]["sensor"]["blur_px"], env["camera"]["sensor"]["bloom_px"]) == (0.0, 3.0)
+
+
+def test_pictures_keep_their_size_unless_another_is_given(raw_export, tmp_path):
+    options = {"format": "raw", "storage": Storage("image")}
+    for camera, size in (
+        (CameraFlags(), (HEIGHT, WIDTH)),
+        (CameraFlags(height=480, width=640), (480, 640)),
+        (CameraFlags(height=24, width=32), (24, 32)),
+    ):
+        root = tmp_path / str(size)
+        run(raw_export, root, camera=camera, **options)
+        assert tuple(DatasetReader(root).features[schema.IMAGE]["shape"][:2]) == size
+    run(tmp_path / "(24, 32)", tmp_path / "again", format="lerobot", camera=CameraFlags(), storage=Storage("image"))
+    assert tuple(DatasetReader(tmp_path / "again").features[schema.IMAGE]["shape"][:2]) == (24, 32)
+
+
+def test_a_size_that_video_cannot_hold_is_said_with_the_flags_that_mend_it(flights, tmp_path):
+    odd = np.zeros((7, 47, 63, 3), dtype=np.uint8)
+    write_arrays(tmp_path / "in", [short(flights[0], 6)], images=odd)
+    with pytest.raises(InputError, match=r"47x63.*--camera\.height"):
+        run(tmp_path / "in", tmp_path / "d", format="npz", camera=CameraFlags())
+    run(tmp_path / "in", tmp_path / "d", format="npz", camera=CameraFlags(height=46, width=62))
+
+
+def test_the_flags_of_the_camera_reach_it_through_the_command_line():
+    arguments = ["--source=a", "--repo_id=b/c", "--camera.height=480", "--camera.lamp=on", "--camera.shadows=false"]
+    camera = parse_config(ConvertConfig, [*arguments, "--camera.sensor.seed=3"], prog="convert").camera
+    assert (camera.height, camera.width, camera.lamp, camera.shadows) == (480, None, "True", False)
+    assert (camera.sensor.seed, camera.sensor.blur_px) == (3, None)
+    assert over(camera, CameraConfig(width=100)) == CameraConfig(
+        480, 100, lamp="on", shadows=False, sensor=SensorConfig(seed=3)
+    )

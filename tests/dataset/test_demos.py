@@ -14,6 +14,7 @@ import pytest
 
 from lerobot_spacedock.camera import CameraConfig, SensorConfig
 from lerobot_spacedock.dataset import schema
+from lerobot_spacedock.dataset.convert import ConvertConfig, convert
 from lerobot_spacedock.dataset.demos import DemosConfig, demos, flight_blocks, fly_block
 from lerobot_spacedock.dataset.disturbance import KickConfig
 from lerobot_spacedock.dataset.integrity import check_dataset
@@ -130,6 +131,7 @@ def test_a_second_process_keeps_out(tmp_path):
         ({"num_workers": -1}, "--num_workers"),
         ({"repo_id": "x y/z"}, "--repo_id"),
         ({"sun": "red"}, "sun"),
+        ({"kicks": KickConfig(quiet_m=1.0)}, "--kicks.quiet_m"),
         ({"image": True, "camera": CameraConfig(height=47, width=64)}, "image size"),
     ],
 )
@@ -143,6 +145,18 @@ def test_what_cannot_be_flown_is_said_and_nothing_is_left(tmp_path, options, fla
 def test_a_folder_that_may_not_be_written_is_said_before_anything_is_flown(tmp_path, options):
     with pytest.raises(SpaceDockError, match="/proc/logs"):
         demos(config(**({"root": tmp_path / "d"} | options)))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("root", [".", "/"])
+def test_a_root_without_a_name_is_refused(tmp_path, monkeypatch, root):
+    monkeypatch.chdir(tmp_path)
+    for run in (
+        lambda: demos(config(root, num_episodes=1)),
+        lambda: convert(ConvertConfig(str(tmp_path), "a/b", format="npz", root=root, images="none")),
+    ):
+        with pytest.raises(InputError, match=f"--root: got {root}; allowed: a folder that does not exist"):
+            run()
     assert list(tmp_path.iterdir()) == []
 
 
@@ -205,5 +219,17 @@ def test_noisy_frames_are_those_that_the_environment_shows(tmp_path):
             pictures[episode, k] = stored.astype(int)
             observation = env.step(log.action[k].astype(np.float32))[0]
     assert np.abs(pictures[0, 0] - pictures[1, 0]).mean() > 1.0  # and each has noise of its own
+    report = check_dataset(root, sample_frames=64)
+    assert report.errors == []
+    assert report.psnr_dB[0] > 45.0, "every frame has its own noise when it is drawn again"
     first = env.reset(seed=40)[0]["pixels"]["camera"]
     np.testing.assert_array_equal(first, env.reset(seed=40)[0]["pixels"]["camera"])
+
+
+def test_noisy_frames_of_a_segment_are_drawn_again_as_they_are(tmp_path):
+    root, camera = tmp_path / "d", CameraConfig(height=32, width=48, sensor=SensorConfig(read_noise=0.05))
+    flown = {"num_episodes": 1, "num_candidates": 1, "image": True, "camera": camera, "segment": "last:20s"}
+    assert demos(config(root, storage=Storage(kind="image"), **flown)) == 0
+    report = check_dataset(root, sample_frames=32)
+    assert report.errors == []
+    assert report.psnr_dB[0] > 45.0

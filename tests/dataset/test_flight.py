@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from dataset_samples import fly_some
 
-from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig
+from lerobot_spacedock.dataset.disturbance import Disturbance, KickConfig, NoiseConfig, disturbs
 from lerobot_spacedock.dataset.episode import label_of
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.expert.feedback import FeedbackPolicy
@@ -83,3 +83,23 @@ def test_no_disturbance_within_the_quiet_radius():
 def test_impossible_disturbances_are_refused(build):
     with pytest.raises(InputError, match=r"--(kicks|noise)\."):
         build()
+
+
+@pytest.mark.parametrize(
+    ("build", "missing"),
+    [
+        (lambda: KickConfig(thrust_N=80.0), "--kicks.probability"),
+        (lambda: KickConfig(torque_Nm=6.0, quiet_m=1.0), "--kicks.probability"),
+        (lambda: NoiseConfig(correlation=0.9), "--noise.thrust_N"),
+        (lambda: disturbs(KickConfig(quiet_m=1.0), NoiseConfig()), "--kicks.probability"),
+    ],
+)
+def test_the_size_of_a_disturbance_that_is_off_is_refused_with_the_flag_that_is_missing(build, missing):
+    with pytest.raises(InputError, match=missing):
+        build()
+
+
+def test_what_is_on_may_have_any_size():
+    assert disturbs(KickConfig(0.1, thrust_N=80.0, quiet_m=1.0), NoiseConfig())
+    assert disturbs(KickConfig(quiet_m=1.0), NoiseConfig(0.9, torque_Nm=0.5)), "noise has a calm zone too"
+    assert not disturbs(KickConfig(), NoiseConfig())

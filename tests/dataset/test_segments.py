@@ -43,3 +43,12 @@ def test_oversampling_writes_the_whole_once_and_the_segment_again(flights):
     assert [first for first, _ in found] == [0, *[Segment.parse("last:10m").first_step(log)] * 3]
     with pytest.raises(InputError):
         pieces(log, Segment(), repeat_terminal=1)
+
+
+def test_a_tail_of_a_tail_knows_where_it_begins_in_the_whole(flights):
+    log = flights[0]
+    twice = tail(tail(log, 5), 3)
+    once = tail(log, 8)
+    assert twice.metadata["segment_first_step"] == once.metadata["segment_first_step"] == 8
+    assert twice.metadata["segment_start_s"] == pytest.approx(log.time[8])
+    np.testing.assert_allclose(twice.time, once.time, atol=1e-12)

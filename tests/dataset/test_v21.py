@@ -11,8 +11,10 @@ from huggingface_hub import DatasetCard
 from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_spacedock.camera import CameraConfig
+from lerobot_spacedock.dataset.camera_flags import CameraFlags
 from lerobot_spacedock.dataset.convert import ConvertConfig, convert
 from lerobot_spacedock.dataset.integrity import check_dataset
+from lerobot_spacedock.dataset.record import Storage
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.physics.frames import ACTION_NAMES, STATE_NAMES
 
@@ -88,6 +90,10 @@ def test_the_authors_schema_comes_through_lerobots_converter(flights, tmp_path, 
     mass = np.concatenate([log.state[:-1, 6] for log in logs]).astype(np.float32).astype(np.float64)
     assert dataset.meta.stats["observation.state"]["std"][6] == pytest.approx(mass.std(), rel=1e-9)
     assert DatasetCard.load(root / "README.md").data.license == "cc-by-4.0", "theirs, as their card states it"
+    small = {"camera": CameraFlags(height=16, width=24), "storage": Storage("image"), "num_workers": 1}
+    part = ConvertConfig(str(root), "test/part", "lerobot", str(tmp_path / "part"), segment="last:4", **small)
+    assert convert(part) == 0, "the second conversion of docs/datasets.md"
+    assert LeRobotDataset("test/part", root=tmp_path / "part").num_frames == 8
     report = check_dataset(root)
     assert report.errors == []
     if real_times:

@@ -122,12 +122,24 @@ NOTHING = {name: 0.0 for name in MetaRanges.__dataclass_fields__} | {"thrust_sca
         ("rate_noise_deg_s", [11, 12, 13]),
     ],
 )
-def test_each_sensor_error_acts_alone(name, columns):
-    batch = BatchedSpaceDock(50, TaskConfig(dynamics="meta", meta=MetaRanges(**NOTHING | {name: 0.01})))
-    batch.reset(np.arange(50))
-    wrong = batch.observe(np.arange(14)) != state_to_dataset_units(batch.sim.state).astype(np.float32)
+def test_each_sensor_error_acts_alone_and_as_large_as_stated(name, columns):
+    size = 0.1  # of the name's unit
+    batch = drawn(dynamics="meta", meta=MetaRanges(**NOTHING | {name: size}))
+    observed, truth = batch.observe(np.arange(14)), state_to_dataset_units(batch.sim.state)
+    wrong = observed != truth.astype(np.float32)
     assert wrong[:, columns].any(axis=1).all()
     assert not np.delete(wrong, columns, axis=1).any()
+    error = (observed - truth)[:, columns]
+    if "attitude" in name:
+        true, seen = (Rotation.from_quat(q[:, columns], scalar_first=True) for q in (truth, observed))
+        error = (true.inv() * seen).as_rotvec(degrees=True)
+    if "fraction" in name:
+        error /= np.linalg.norm(truth[:, :3], axis=1, keepdims=True)
+    for j in range(3):
+        if "bias" in name:
+            assert_uniform(error[:, j], -size - 1e-5, size + 1e-5)  # single precision
+        else:
+            assert stats.kstest(error[:, j], stats.norm(0, size).cdf).pvalue > 1e-4
 
 
 def test_an_offset_centre_of_mass_acts_alone():

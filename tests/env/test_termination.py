@@ -85,6 +85,41 @@ def test_each_outcome(case, outcome):
     assert info["is_success"] == (outcome == "docked")
 
 
+TAN_10_deg = 0.17632698
+OPEN = {"corridor": {"enabled": False}}
+IN = {"velocity": (0, 0.07, 0)}  # through the plane in the first step
+
+
+@pytest.mark.parametrize(
+    ("inside", "outside", "ends", "options"),
+    [
+        # the corridor: 1.5 m at its mouth, 10° to either side, along x, along z and between
+        ((1.49 + 0.1 * TAN_10_deg, -0.1, 0), (1.51 + 0.1 * TAN_10_deg, -0.1, 0), "corridor", {}),
+        ((0, -25, 1.49 + 25 * TAN_10_deg), (0, -25, 1.51 + 25 * TAN_10_deg), "corridor", {}),
+        ((1.80, -6, 1.80), (1.82, -6, 1.82), "corridor", {}),  # (1.5 + 6 tan 10°) / √2 = 1.809
+        # 60 m from the port, on the axis and beside it: √(60² - 10²) = 59.161
+        ((0, -59.99, 0), (0, -60.01, 0), "volume", {}),
+        ((10, -59.15, 0), (10, -59.17, 0), "volume", {}),
+        # behind the port's plane: 3.1 m of Zvezda and 3.2 m of Harmony, at rest in there and on the way in
+        ((0, 2, 3.11), (0, 2, 3.09), "collision", OPEN),
+        ((0, -2, 3.21), (0, -2, 3.19), "collision", OPEN | {"port": "harmony_forward"}),
+        ((3.11, -0.02, 0), (3.09, -0.02, 0), "collision", OPEN | IN),
+    ],
+)
+def test_each_limit_stands_where_it_is_said_to(inside, outside, ends, options):
+    """Two steps, at rest where nothing else is said, from just this side of a limit and from just that."""
+    for place, outcome in ((inside, "timeout"), (outside, ends)):
+        *_, info = flight(place, **{"velocity": (0, 0, 0), "max_steps": 2} | options)
+        assert info["outcome"] == outcome
+
+
+@pytest.mark.parametrize(("beside_m", "outcome"), [(0.59, "contact"), (0.61, "collision")])
+def test_the_port_is_met_within_its_capture_radius(beside_m, outcome):
+    """0.6 m; beside it is the module."""
+    *_, info = flight((0.6 * beside_m, -0.02, 0.8 * beside_m), **IN)
+    assert info["outcome"] == outcome
+
+
 def test_harmony_is_approached_from_the_other_side():
     q = [np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]
     _, _, _, info = flight((0, 0.2, 0), (0, -0.07, 0), q=q, port="harmony_forward")

@@ -14,14 +14,20 @@ from lerobot_spacedock.physics.propagate import propagate
 from lerobot_spacedock.physics.relative_motion import hcw_transition_matrix
 
 INERTIA = np.array([[520.0, 15.0, -8.0], [15.0, 700.0, 20.0], [-8.0, 20.0, 860.0]])
+PERFECT = {"thrust_map": np.eye(3), "torque_map": np.eye(3), "torque_bias": np.zeros(3)}
+IMPERFECT = {  # no two numbers equal, so that none stands for another
+    "thrust_map": np.array([[0.92, -0.03, 0.02], [0.04, 1.03, -0.05], [-0.01, 0.06, 0.88]]),
+    "torque_map": np.array([[0.85, 0.07, -0.02], [-0.04, 1.05, 0.03], [0.01, -0.06, 0.95]]),
+    "torque_bias": np.array([0.08, -0.05, 0.1]),
+}
 
 
-def chaser(inertia=None, com_offset=(0.0, 0.0, 0.0), torque_bias=(0.0, 0.0, 0.0), thrust_map=None):
+def chaser(inertia=None, com_offset=(0.0, 0.0, 0.0), torque_bias=(0.0, 0.0, 0.0), thrust_map=None, torque_map=None):
     nominal = ChaserParameters.nominal()
     return ChaserParameters(
         inertia_kg_m2=nominal.inertia_kg_m2 if inertia is None else np.array(inertia)[None],
         thrust_map=nominal.thrust_map if thrust_map is None else np.array(thrust_map)[None],
-        torque_map=nominal.torque_map,
+        torque_map=nominal.torque_map if torque_map is None else np.array(torque_map)[None],
         torque_bias_Nm=np.array(torque_bias)[None],
         com_offset_m=np.array(com_offset)[None],
         specific_impulse_s=nominal.specific_impulse_s,
@@ -33,9 +39,10 @@ def start_state(rng, rate=0.02):
     return np.concatenate([[0.8, -25.0, -0.5], rng.uniform(-0.2, 0.2, 3), [1000.0], q, rng.uniform(-rate, rate, 3)])
 
 
-def equations(inertia, offset, thrust, torque, coupling):
+def equations(inertia, offset, command, coupling, *, thrust_map, torque_map, torque_bias):
     """Newton, Euler and the rocket, written from the textbook for the centre of mass; rotations by scipy."""
     n = MEAN_MOTION_rad_s
+    thrust, torque = thrust_map @ command[:3], torque_map @ command[3:] + torque_bias
     inverse = np.linalg.inv(inertia)
     flow = np.linalg.norm(thrust) / (SPECIFIC_IMPULSE_s * STANDARD_GRAVITY_m_s2)
 
@@ -66,41 +73,47 @@ def moved_point(state, arm, coupling):
 
 @pytest.mark.parametrize("coupling", [False, True])
 @pytest.mark.parametrize(
-    ("inertia", "offset"),
-    [(np.eye(3) * 2000 / 3, np.zeros(3)), (INERTIA, np.zeros(3)), (INERTIA, np.array([0.02, -0.015, 0.03]))],
-    ids=["reference", "full_inertia", "offset_centre_of_mass"],
+    ("inertia", "offset", "actuators"),
+    [
+        (np.eye(3) * 2000 / 3, np.zeros(3), PERFECT),
+        (np.eye(3) * 2000 / 3, np.zeros(3), IMPERFECT),
+        (INERTIA, np.zeros(3), PERFECT),
+        (INERTIA, np.array([0.02, -0.015, 0.03]), IMPERFECT),
+    ],
+    ids=["reference", "imperfect_actuators", "full_inertia", "offset_centre_of_mass"],
 )
-def test_whole_random_episodes_agree_with_dop853(inertia, offset, coupling):
-    """65 steps of random full-scale commands, which tumble the chaser as no docking does."""
-    rng = np.random.default_rng(7)
-    state = start_state(rng)
-    reference = moved_point(state, offset, coupling)
-    parameters = chaser(inertia, offset)
-    for _ in range(65):
-        action = rng.uniform(-1, 1, 6) * [60, 60, 60, 20, 20, 20]
-        dt = rng.uniform(0.6, 1.25)
-        state = propagate(state[None], action[None], dt, parameters, hill_coupling=coupling)[0]
-        rates = equations(inertia, offset, action[:3], action[3:], coupling)
-        reference = solve_ivp(rates, (0, dt), reference, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
-    expected = moved_point(reference, -offset, coupling)
-    turn = Rotation.from_quat(expected[7:11], scalar_first=True).inv() * Rotation.from_quat(
-        state[7:11], scalar_first=True
-    )
-    assert np.linalg.norm(state[:3] - expected[:3]) < 1e-6  # m
-    assert np.linalg.norm(state[3:6] - expected[3:6]) < 1e-7  # m/s
-    assert abs(state[6] - expected[6]) < 1e-9  # kg
-    assert turn.magnitude() < 1e-8  # rad
-    assert np.linalg.norm(state[11:] - expected[11:]) < 1e-9  # rad/s
-    assert abs(np.linalg.norm(state[7:11]) - 1.0) < 1e-14
+def test_whole_random_episodes_agree_with_dop853(inertia, offset, actuators, coupling):
+    """65 steps of random full-scale commands, which tumble the chaser as no docking does; 15 that hardly turn it."""
+    parameters = chaser(inertia, offset, **actuators)
+    for count, rate, torque in ((65, 0.02, 20.0), (15, 0.002, 0.3)):
+        rng = np.random.default_rng(7)
+        state = start_state(rng, rate)
+        reference = moved_point(state, offset, coupling)
+        for _ in range(count):
+            action = rng.uniform(-1, 1, 6) * [60, 60, 60, torque, torque, torque]
+            dt = rng.uniform(0.6, 1.25)
+            state = propagate(state[None], action[None], dt, parameters, hill_coupling=coupling)[0]
+            rates = equations(inertia, offset, action, coupling, **actuators)
+            reference = solve_ivp(rates, (0, dt), reference, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+        expected = moved_point(reference, -offset, coupling)
+        turn = Rotation.from_quat(expected[7:11], scalar_first=True).inv() * Rotation.from_quat(
+            state[7:11], scalar_first=True
+        )
+        assert np.linalg.norm(state[:3] - expected[:3]) < 1e-6  # m
+        assert np.linalg.norm(state[3:6] - expected[3:6]) < 1e-7  # m/s
+        assert abs(state[6] - expected[6]) < 1e-9  # kg
+        assert turn.magnitude() < 1e-8  # rad
+        assert np.linalg.norm(state[11:] - expected[11:]) < 1e-9  # rad/s
+        assert abs(np.linalg.norm(state[7:11]) - 1.0) < 1e-14
 
 
 @pytest.mark.parametrize("step_s", [10.0, 100.0, 600.0])
 def test_a_long_step_of_a_quiet_chaser_is_as_exact(step_s):
     """Nothing turns but the orbit: also that is cut into substeps."""
     state = np.array([0.0, -25.0, 0.0, 0.0, 0.0, 0.0, 1000.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    thrust = np.array([2.0, 0.0, 0.0])
-    got = propagate(state[None], np.array([[*thrust, 0.0, 0.0, 0.0]]), step_s, chaser())[0]
-    rates = equations(np.eye(3), np.zeros(3), thrust, np.zeros(3), False)
+    action = np.array([2.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    got = propagate(state[None], action[None], step_s, chaser())[0]
+    rates = equations(np.eye(3), np.zeros(3), action, False, **PERFECT)
     exact = solve_ivp(rates, (0, step_s), state, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
     assert np.linalg.norm(got[:3] - exact[:3]) < 1e-8 * np.linalg.norm(exact[:3] - state[:3])
 

@@ -119,6 +119,9 @@ def test_a_search_stops_at_its_number_of_trials_and_finds_the_small_chunk(config
     trials = open_study(search).get_trials()
     assert len(trials) == 6
     assert max(trial.values[0] for trial in trials) == pytest.approx(0.95)
+    points = {json.dumps(trial.params, sort_keys=True) for trial in trials}
+    assert len(points) < 6  # of four points: some come again
+    assert len(read_trials([Path(search.results)])) == len(points)
 
 
 def test_a_study_keeps_its_axes(config, monkeypatch):

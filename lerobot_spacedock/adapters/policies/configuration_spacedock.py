@@ -21,7 +21,7 @@ STATE_DIMS = (len(OBSERVATION_NAMES), len(STATE_NAMES))
 class ExpertConfig(PreTrainedConfig):
     """What all experts share. They read ``observation.state`` and look at no picture."""
 
-    # zvezda_aft | harmony_forward: where to dock; left out, the port of the env that the command names
+    # zvezda_aft | harmony_forward: where to dock; left out, the port of the command's env, whatever was saved
     port: str | None = None
 
     # experts are evaluated, not trained by lerobot-train; push one with policy.push_to_hub(repo_id)
@@ -29,7 +29,7 @@ class ExpertConfig(PreTrainedConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.port is None:
+        if self.port is None or command_line.env_decides("port"):
             self.port = command_line.env_option("port") or "zvezda_aft"
         with command_line.option_errors():
             get_port(self.port)
@@ -108,12 +108,21 @@ class SpaceDockMetaRlConfig(ExpertConfig):
 class ClassicalConfig(ExpertConfig):
     """What the classical controllers share."""
 
-    # the attitude model flown in: true where rates are inertial (the contact ids); left out, that of the env
+    # the attitude model flown in: true where rates are inertial (the contact ids); left out, that of the command's env,
+    # whatever was saved
     hill_coupling: bool | None = None
+    # the law's thrust is divided by an estimate of how much of it acts: the experts W_adaptive (--policy.law=W) and
+    # mpc_adaptive (--policy.mode=receding)
+    adaptive: bool = False
+
+    @property
+    def step_s(self) -> float:
+        """Expected length of a step."""
+        return Deadline.step_s
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.hill_coupling is None:
+        if self.hill_coupling is None or command_line.env_decides("hill_coupling"):
             self.hill_coupling = str(command_line.env_option("hill_coupling")).lower() == "true"
 
 
@@ -127,6 +136,10 @@ class DeadlineConfig(ClassicalConfig):
     deadline_step_s: float = Deadline.step_s
     # m/s, closing speed at arrival (IDSS: 0.05 to 0.10); 0 stops at the port
     closing_speed_m_s: float = Deadline.closing_speed_m_s
+
+    @property
+    def step_s(self) -> float:
+        return self.deadline_step_s
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -140,37 +140,51 @@ class SpaceDockMetaRlPolicy(ExpertPolicy):
         return model
 
 
-class SpaceDockMpcPolicy(ExpertPolicy):
+class ClassicalExpertPolicy(ExpertPolicy):
+    """A controller, with an estimate of the thrust that acts in front of it or without."""
+
+    def make_law(self) -> Policy:
+        """A fresh controller."""
+        raise NotImplementedError
+
+    def make_expert(self, device: torch.device) -> Policy:
+        from lerobot_spacedock.expert.adaptive import AdaptiveThrust
+
+        law = self.make_law()
+        return AdaptiveThrust(law, step_s=self.config.step_s) if self.config.adaptive else law
+
+
+class SpaceDockMpcPolicy(ClassicalExpertPolicy):
     """Minimum-energy MPC."""
 
     config_class = SpaceDockMpcConfig
     name = "spacedock_mpc"
 
-    def make_expert(self, device: torch.device) -> Policy:
+    def make_law(self) -> Policy:
         from lerobot_spacedock.expert.mpc import MpcPolicy
 
         return MpcPolicy(_deadline(self.config), mode=self.config.mode, **_classical(self.config))
 
 
-class SpaceDockZemPolicy(ExpertPolicy):
+class SpaceDockZemPolicy(ClassicalExpertPolicy):
     """ZEM/ZEV guidance."""
 
     config_class = SpaceDockZemConfig
     name = "spacedock_zem"
 
-    def make_expert(self, device: torch.device) -> Policy:
+    def make_law(self) -> Policy:
         from lerobot_spacedock.expert.zem import ZemZevPolicy
 
         return ZemZevPolicy(_deadline(self.config), **_classical(self.config))
 
 
-class SpaceDockFeedbackPolicy(ExpertPolicy):
+class SpaceDockFeedbackPolicy(ClassicalExpertPolicy):
     """The time-invariant feedback law."""
 
     config_class = SpaceDockFeedbackConfig
     name = "spacedock_feedback"
 
-    def make_expert(self, device: torch.device) -> Policy:
+    def make_law(self) -> Policy:
         from lerobot_spacedock.expert.feedback import FeedbackPolicy
 
         return FeedbackPolicy(self.config.law, **_classical(self.config))

@@ -28,6 +28,7 @@ FORMATS = {
 # what a log's metadata say under "times", "mass", "rewards" and "readings" where the source has none
 NO_REWARDS = "not in the source: 0 stands in their place"
 NO_READINGS = "of the imperfect sensors not in the source: the true state stands in their place"
+BY_STATES = "the IDSS box; the source does not say"
 NO_MASS = "not in the source: the nominal mass stands in its place"
 
 
@@ -106,20 +107,38 @@ def list_episodes(kind: str, path: Path | str, **options: str | float | int | bo
 def load(ref: EpisodeRef) -> LoadedEpisode:
     """Reads one episode; every problem is a FileFormatError that names the file and the place.
 
-    Where the source does not say whether it docked, its states are judged by the IDSS box.
+    Where the source does not say whether it docked, its states are judged by the IDSS box, at the port that it names,
+    or else at the one of the option ``port``.
+
+    Raises:
+        InputError: the source names another port than that option.
     """
     try:
         episode = _module(ref.format).load(ref)
         _check_attitudes(ref, episode.log)
-        if episode.log.metadata.get("success") is not None:
-            return episode
         with reading(ref.name, "an episode"):
-            judged = {"success": succeeded(episode.log), "success_by": "the IDSS box; the source does not say"}
-        return replace(episode, log=replace(episode.log, metadata=episode.log.metadata | judged))
+            return replace(episode, log=_judged(_at_port(ref, episode.log)))
     except FileNotFoundError as error:
         raise FileFormatError(f"{error.filename or ref.name}: missing.") from error
     except (OSError, UnicodeDecodeError) as error:
         raise FileFormatError(f"{ref.name}: not readable ({error}).") from error
+
+
+def _at_port(ref: EpisodeRef, log: EpisodeLog) -> EpisodeLog:
+    asked = ref.option("port")
+    config = log.metadata.get("config")
+    stated = log.metadata.get("port") or (config.get("port") if isinstance(config, dict) else None)
+    if asked and stated and asked != stated:
+        raise InputError("--port", asked, f"{stated}, which {ref.label} names", "Leave it out.")
+    return replace(log, metadata=log.metadata | {"port": asked}) if asked and not stated else log
+
+
+def _judged(log: EpisodeLog) -> EpisodeLog:
+    said = {name: log.metadata[name] for name in log.metadata if name != "success"}
+    if log.metadata.get("success") is not None and "success_by" not in said:
+        return log
+    judged = {"success": succeeded(replace(log, metadata=said)), "success_by": BY_STATES}
+    return replace(log, metadata=said | judged)
 
 
 def _check_attitudes(ref: EpisodeRef, log: EpisodeLog) -> None:

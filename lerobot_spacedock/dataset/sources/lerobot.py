@@ -23,7 +23,7 @@ from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.physics.constants import CHASER_MASS_kg
 from lerobot_spacedock.physics.frames import MASS
 
-INHERITED = ("env", "expert", "initial_conditions", "first_seed", "disturbance")
+INHERITED = ("env", "drawing", "expert", "initial_conditions", "first_seed", "disturbance")
 
 
 def list_episodes(path: Path, options: tuple) -> list[EpisodeRef]:

@@ -2,20 +2,22 @@
 
 Observations are the environment's own: ``agent_pos``, and ``pixels`` → ``camera`` where the recording kept them; or one
 array of states. Times and true states are taken from the infos that the environment gives (``time_s``, ``state``),
-where the recording kept those.
+where the recording kept those; what the policy saw of imperfect sensors then stands beside the truth.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from lerobot_spacedock.dataset.episode import reading_columns
 from lerobot_spacedock.dataset.sources import EpisodeRef, LoadedEpisode
 from lerobot_spacedock.dataset.sources.arrays import log_of_arrays
-from lerobot_spacedock.errors import FileFormatError, InputError, MissingDependencyError
+from lerobot_spacedock.errors import FileFormatError, InputError, MissingDependencyError, reading
 
 
 def list_episodes(path: Path, options: tuple) -> list[EpisodeRef]:
@@ -44,6 +46,9 @@ def load(ref: EpisodeRef) -> LoadedEpisode:
             "seed": _seed(episode),
         },
     )
+    if true is not states:
+        with reading(ref.name, "an episode"):
+            log = replace(log, extra=reading_columns(states[: log.num_steps], log.state[:-1]))
     pictures = _pictures(observations)
     if pictures is None:
         return LoadedEpisode(log)

@@ -37,7 +37,7 @@ MOVED = "real times were in timestamp; they are in sim_time and control_dt now"
 NO_TIMES = "timestamp counted frames in the source: it has no real times, and none were made up"
 # options that shape what is written here, and not in LeRobot's converter
 UNUSED = ("num_episodes", "select", "successes_first", "skip_bad", "segment", "repeat_terminal", "with_mass")
-UNUSED += ("withhold_pose", "images", "camera", "renderer", "sun", "storage", "task", "step_s")
+UNUSED += ("withhold_pose", "images", "port", "camera", "renderer", "sun", "storage", "task", "step_s")
 
 
 def convert_v21(config: ConvertConfig, root: Path) -> int:
