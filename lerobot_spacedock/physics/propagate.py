@@ -56,7 +56,7 @@ from lerobot_spacedock.physics.substep import (
     substep,
 )
 
-SUBSTEP_ANGLE_rad = 0.03  # whole episodes then stay within 1e-6 m and 1e-8 rad (tests/physics/test_propagate.py)
+SUBSTEP_ANGLE_rad = 0.03  # whole episodes then stay within a few 1e-6 m and 1e-8 rad (tests/physics/test_propagate.py)
 MAX_SUBSTEPS = 4096
 
 
