@@ -74,14 +74,17 @@ def fly(
     """Flies a stock ACT checkpoint on seeds from 1000, as ``lerobot-eval`` does; rows as of ``summarize_folder``.
 
     Raises:
-        InputError: a number of episodes that does not fill batches, or a folder that holds episodes already.
+        InputError: a number of episodes that does not fill batches, or a folder that is there already.
     """
     if episodes < 1:
         raise InputError("--episodes", episodes, "1 or more")
-    if next(log_dir.glob(PATTERN), None):
-        raise InputError("--out", str(log_dir), "a folder without episodes", "Name another, or take them away.")
     if episodes % min(batch_size, episodes):  # outside LeRobot's commands nothing marks what only fills a batch
         raise InputError("--episodes", episodes, f"up to {batch_size}, or a multiple of it")
+    try:
+        log_dir.mkdir(parents=True)  # two commands that fly into one folder would count each other's episodes
+    except FileExistsError as error:
+        hint = "Name another, or take it away."
+        raise InputError("--out", str(log_dir), "a folder that is not there yet", hint) from error
     policy, before, after = load_policy(checkpoint)
     policy.config.temporal_ensemble_coeff, policy.config.n_action_steps = coefficient, 1
     policy.temporal_ensembler = ACTTemporalEnsembler(coefficient, policy.config.chunk_size)

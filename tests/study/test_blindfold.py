@@ -75,7 +75,7 @@ def test_whole_episodes_fly_with_it(tmp_path):
     }
     for name, (row,) in zip(("pictures seen", "blank"), rows.values(), strict=True):
         assert (row["run"], row["episodes"], row["steps"]["mean"]) == (name, 2, 65)
-    with pytest.raises(InputError, match="a folder without episodes"):
+    with pytest.raises(InputError, match="a folder that is not there yet"):
         fly(tmp_path / "act", PICTURES, "seen", "same", tmp_path / "seen", episodes=2)
     with pytest.raises(InputError, match="1 or more"):
         fly(tmp_path / "act", PICTURES, "seen", "same", tmp_path / "other", episodes=0)
