@@ -20,7 +20,6 @@ from lerobot.scripts.lerobot_eval import eval_policy
 
 from lerobot_spacedock.adapters import SpaceDockEnvConfig
 from lerobot_spacedock.errors import InputError, SpaceDockError
-from lerobot_spacedock.report.runs import PATTERN
 from lerobot_spacedock.study.picture_use import CAMERA, load_pictures, load_policy
 from lerobot_spacedock.study.summarize import summarize_folder, table, write_rows
 
