@@ -33,7 +33,7 @@ from lerobot_spacedock.dataset.selection import RULES, best, check_rule, score
 from lerobot_spacedock.dataset.sources import EpisodeRef
 from lerobot_spacedock.dataset.workers import check_workers
 from lerobot_spacedock.env.config import SpaceDockConfig
-from lerobot_spacedock.env.registration import ENV_IDS
+from lerobot_spacedock.env.registration import ENV_IDS, withholds_pose
 from lerobot_spacedock.env.scenario_config import get_initial_conditions
 from lerobot_spacedock.episode_log import EpisodeLog, log_path, read_episode_log, write_episode_log
 from lerobot_spacedock.errors import InputError, SpaceDockError
@@ -215,7 +215,7 @@ def _layout(config: DemosConfig) -> DatasetLayout:
         height=config.camera.height,
         width=config.camera.width,
         with_mass=config.with_mass,
-        withhold_pose=bool(ENV_IDS[config.env_id].get("withhold_pose")),
+        withhold_pose=withholds_pose(config.env_id),
         image=config.image,
         task=config.task,
         storage=config.storage,

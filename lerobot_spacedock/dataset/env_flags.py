@@ -11,7 +11,7 @@ from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.job import dotted
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.env.config import SpaceDockConfig
-from lerobot_spacedock.env.registration import ENV_IDS
+from lerobot_spacedock.env.registration import ENV_IDS, withholds_pose
 from lerobot_spacedock.errors import InputError
 
 # what the features say (or the port, of the camera's), and what belongs to one flight alone
@@ -46,7 +46,7 @@ def env_flags(features: dict[str, dict[str, Any]], env: dict[str, Any]) -> list[
     if observed is not None and "mass" in observed:
         lines.append("--env.with_mass=true")
     withheld = observed is not None and "x" not in observed
-    if observed is not None and withheld != ENV_IDS.get(env_id, {}).get("withhold_pose", False):
+    if observed is not None and withheld != withholds_pose(env_id):
         lines.append(f"--env.withhold_pose={str(withheld).lower()}")
     if cameras and schema.IMAGE not in cameras:
         lines.append(f"--rename_map='{json.dumps({schema.IMAGE: cameras[0]})}'")

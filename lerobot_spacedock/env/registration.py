@@ -20,6 +20,11 @@ ENV_IDS: dict[str, dict[str, Any]] = {
 }
 
 
+def withholds_pose(env_id: str) -> bool:
+    """Whether the state of an environment holds velocity and rates alone; False of an id that is not ours."""
+    return bool(ENV_IDS.get(env_id, {}).get("withhold_pose"))
+
+
 def register_envs() -> None:
     """Registers every id of ``ENV_IDS``; calling it again changes nothing."""
     for env_id, overrides in ENV_IDS.items():

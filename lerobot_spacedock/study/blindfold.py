@@ -79,12 +79,12 @@ def fly(
         raise InputError("--episodes", episodes, "1 or more")
     if episodes % min(batch_size, episodes):  # outside LeRobot's commands nothing marks what only fills a batch
         raise InputError("--episodes", episodes, f"up to {batch_size}, or a multiple of it")
+    policy, before, after = load_policy(checkpoint)
     try:
         log_dir.mkdir(parents=True)  # two commands that fly into one folder would count each other's episodes
     except FileExistsError as error:
         hint = "Name another, or take it away."
         raise InputError("--out", str(log_dir), "a folder that is not there yet", hint) from error
-    policy, before, after = load_policy(checkpoint)
     policy.config.temporal_ensemble_coeff, policy.config.n_action_steps = coefficient, 1
     policy.temporal_ensembler = ACTTemporalEnsembler(coefficient, policy.config.chunk_size)
     height, width = pictures.shape[-2:]

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from lerobot_spacedock.env.registration import ENV_IDS
+from lerobot_spacedock.env.registration import ENV_IDS, withholds_pose
 from lerobot_spacedock.env.scenario_config import get_initial_conditions
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.study.demonstrations import (
@@ -16,7 +16,6 @@ from lerobot_spacedock.study.demonstrations import (
     SEEDS,
     SEEDS_EACH,
     demos_config,
-    withholds_pose,
 )
 
 SAMPLERS = ("grid", "tpe")

@@ -22,7 +22,7 @@ from lerobot_spacedock.dataset.episode import rows_of, succeeded
 from lerobot_spacedock.dataset.segments import Segment, pieces
 from lerobot_spacedock.dataset.selection import best, score
 from lerobot_spacedock.dataset.statistics import vector_statistics
-from lerobot_spacedock.env.registration import ENV_IDS
+from lerobot_spacedock.env.registration import withholds_pose
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.expert.checkpoint import GENTLE, HOLD, find_checkpoint
 from lerobot_spacedock.files import aside, remove_abandoned
@@ -83,11 +83,6 @@ KINDS: dict[str, dict[str, Any]] = {
 FIRST_SEED = 500_000  # where configs/demos_cpu.yaml begins; evaluations begin at 1000 and at 900,000
 SEEDS_EACH = 10_000  # training seed s flies from FIRST_SEED + s * SEEDS_EACH on
 SEEDS = 40  # training seeds for which that stays below the evaluations'
-
-
-def withholds_pose(env_id: str) -> bool:
-    """Whether the state of that environment holds velocity and rates alone."""
-    return bool(ENV_IDS[env_id].get("withhold_pose"))
 
 
 def demos_config(kind: str, num_episodes: int, seed: int) -> DemosConfig:

@@ -9,7 +9,7 @@ from lerobot.policies import make_pre_post_processors
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.act.modeling_act import ACTPolicy
 
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.study.blindfold import blindfold, fly
 from lerobot_spacedock.study.blindfold import main as blindfold_main
 from lerobot_spacedock.study.picture_use import CAMERA, load_pictures, load_policy
@@ -75,6 +75,9 @@ def test_whole_episodes_fly_with_it(tmp_path):
     }
     for name, (row,) in zip(("pictures seen", "blank"), rows.values(), strict=True):
         assert (row["run"], row["episodes"], row["steps"]["mean"]) == (name, 2, 65)
+    with pytest.raises(SpaceDockError):
+        fly(tmp_path / "no_act", PICTURES, "seen", "same", tmp_path / "later", episodes=2)
+    assert not (tmp_path / "later").exists()  # the same command, mended, may have it
     with pytest.raises(InputError, match="a folder that is not there yet"):
         fly(tmp_path / "act", PICTURES, "seen", "same", tmp_path / "seen", episodes=2)
     with pytest.raises(InputError, match="1 or more"):
