@@ -57,7 +57,7 @@ class ConvertConfig:
     segment: str = "all"
     # write each whole episode once and its segment so many times more
     repeat_terminal: int = 0
-    # the observed state carries the mass (14 values); left out, as the log's environment has it
+    # the observed state carries the mass (14 values); left out, as the logs' environment or the dataset has it
     with_mass: bool | None = None
     # the observed state holds velocity and rates only (6 values), as in SpaceDockVision-v0; left out, the same
     withhold_pose: bool | None = None
@@ -175,12 +175,8 @@ def _plan(config: ConvertConfig) -> tuple[Plan, list[EpisodeRef]]:
     drawn = config.images == "draw" or (config.images == "auto" and picture is None)
     inherited = _inherited(config)
     env = stated_env(log, inherited)
-    if env is not None:
-        config = replace(
-            config,
-            with_mass=env.with_mass if config.with_mass is None else config.with_mass,
-            withhold_pose=env.withhold_pose if config.withhold_pose is None else config.withhold_pose,
-        )
+    seen = _seen(config, env)
+    config = replace(config, **{name: value for name, value in seen.items() if getattr(config, name) is None})
     port = port_of(log.metadata).name if log is not None else config.asked_port or CameraConfig.port
     shown = _shown(config, env or pictured_env(inherited, port), None if drawn else picture)
     layout = _layout(config, shown.camera)
@@ -229,6 +225,15 @@ def _inherited(config: ConvertConfig) -> dict[str, Any]:
     from lerobot_spacedock.dataset.sources.lerobot import inherited_facts
 
     return inherited_facts(Path(config.source))
+
+
+def _seen(config: ConvertConfig, env: SpaceDockConfig | None) -> dict[str, bool]:
+    """The options of what a policy saw in the source, where it says: a dataset's own state, else the environment's."""
+    if config.format == "lerobot":
+        from lerobot_spacedock.dataset.sources.lerobot import observed_options
+
+        return observed_options(Path(config.source))
+    return {} if env is None else {"with_mass": env.with_mass, "withhold_pose": env.withhold_pose}
 
 
 def _select(

@@ -84,3 +84,16 @@ def test_what_a_foreign_one_has_not_got_is_said(flights, tmp_path, capsys):
     assert check_dataset(tmp_path / "two").errors == []
     facts = json.loads((tmp_path / "two" / "meta" / "spacedock.json").read_text())
     assert facts["pictures"] == "stored"
+
+
+@pytest.mark.parametrize(("options", "size"), [({"with_mass": True}, 14), ({"withhold_pose": True}, 6), ({}, 13)])
+def test_the_state_keeps_what_it_holds_unless_asked_otherwise(log_folder, tmp_path, options, size):
+    run(log_folder, tmp_path / "one", **options)
+    (tmp_path / "one" / "meta" / "spacedock.json").unlink()  # as one that another tool has written
+    run(tmp_path / "one", tmp_path / "two", format="lerobot")
+    before, after = (DatasetReader(tmp_path / name) for name in ("one", "two"))
+    assert list(after.features["observation.state"]["shape"]) == [size]
+    for old, new in zip(before.iterate(), after.iterate(), strict=True):
+        np.testing.assert_array_equal(new.rows["observation.state"], old.rows["observation.state"])
+    run(tmp_path / "one", tmp_path / "asked", format="lerobot", with_mass=False, withhold_pose=False)
+    assert list(DatasetReader(tmp_path / "asked").features["observation.state"]["shape"]) == [13]

@@ -20,6 +20,7 @@ from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.dataset.sources import NO_MASS, NO_REWARDS, EpisodeRef, LoadedEpisode, no_times
 from lerobot_spacedock.dataset.stored_episode import DatasetEpisode
 from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.errors import reading
 from lerobot_spacedock.physics.constants import CHASER_MASS_kg
 from lerobot_spacedock.physics.frames import MASS
 
@@ -48,6 +49,13 @@ def inherited_facts(path: Path) -> dict[str, Any]:
     found = {name: facts[name] for name in INHERITED if facts.get(name) is not None}
     found["license"] = stated_license(path)
     return found | ({"source_command": facts["command"]} if facts.get("command") else {})
+
+
+def observed_options(path: Path) -> dict[str, bool]:
+    """Whether the source's ``observation.state`` holds the mass, and no pose."""
+    with reading(path, "a dataset"):
+        names = schema.observed_names(*DatasetReader(path).features[schema.STATE]["shape"])
+    return {"with_mass": "mass" in names, "withhold_pose": "x" not in names}
 
 
 def _completed(log: EpisodeLog, features: dict[str, Any], step_s: float) -> EpisodeLog:
