@@ -48,7 +48,7 @@ CATALOG: tuple[Metric, ...] = (
     Metric("atv", "ATV box", "", "closing speed and lateral offset at contact as for ATV, no more", "flag"),
     Metric("corridor_violated", "left the corridor", "", "a state lay outside the approach corridor", "flag"),
     Metric("corridor_share", "share outside", "", "share of states outside the approach corridor"),
-    Metric("fly_through", "flew through", "", "crossed the port plane without meeting the IDSS box", "flag"),
+    Metric("fly_through", "flew through", "", "crossed the plane, outside the IDSS box there and at contact", "flag"),
     Metric("smoothness", "‖Δa‖ (Eq. 4)", "N, N·m mixed", "mean norm of the change of command, as in the paper"),
     Metric("smoothness_thrust_N", "‖ΔT‖", "N", "the same for thrust alone"),
     Metric("smoothness_torque_Nm", "‖ΔL‖", "N·m", "the same for torque alone"),

@@ -174,6 +174,7 @@ def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
     # a chaser that hovers before the port may be in the box, and has touched nothing
     touched = crossed or not ends_at_contact(log.metadata)
     idss = bool(contact["idss"]) and touched
+    met_box = idss or (crossing is not None and _met_idss(crossing[1], port, log.metadata))
     # of the chaser as the station sees it: what the docking conditions limit
     final_rate = relative_rate(state[-1], hill_coupling=hill_coupled(log.metadata)) / DEG_TO_RAD
     stated_success = log.metadata.get("success")
@@ -196,7 +197,7 @@ def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
         "atv": bool(contact["atv"]) and touched if "atv" in contact else None,
         "corridor_violated": bool(outside.any()),
         "corridor_share": float(outside.mean()),
-        "fly_through": crossed and not idss,
+        "fly_through": crossed and not met_box,
         **smoothness(log.action, log.dt, limits),
         **effort(log.action, log.dt, state[:, MASS], limits),
         "clipped_actions": float(clipped) if isinstance(clipped, int | float) else None,
@@ -205,6 +206,13 @@ def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
     }
     ordered = {name: row[name] for name in NAMES}
     return ordered | {name: _flag(contact.get(name)) for name in (*IDSS_CONDITIONS, *ATV_CONDITIONS)}
+
+
+def _met_idss(at_plane: np.ndarray, port: Port, metadata: Mapping[str, Any]) -> bool:
+    """Whether a fixed-horizon task's crossing of the plane lay in the box, which that task judges at its last state."""
+    if ends_at_contact(metadata) or not isinstance(metadata.get("contact"), Mapping):
+        return False  # the crossing is what was judged
+    return bool(contact_report(contact_state(at_plane, port, hill_coupling=hill_coupled(metadata)))["idss"])
 
 
 def _contact_number(contact: Mapping[str, Any], name: str) -> float:

@@ -135,8 +135,8 @@ def safety_table(study: Study) -> Table:
         rows.append((conditions, run.label, *flags, *means))
     notes = (
         "Success: as the log states it, else the IDSS box. Corridor: the cone about the port axis that the log states, "
-        "by default 10° to either side from a mouth of 1.5 m. Flew through: passed the port plane outside the IDSS "
-        "box. Right of them means. " + INTERVALS,
+        "by default 10° to either side from a mouth of 1.5 m. Flew through: passed the port plane, outside the IDSS "
+        "box both there and where the box was judged. Right of them means. " + INTERVALS,
     )
     return Table("safety", "Approach", head, tuple(rows), notes, 2)
 

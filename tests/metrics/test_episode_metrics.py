@@ -16,7 +16,7 @@ from lerobot_spacedock.metrics.catalog import CATALOG, NAMES
 from lerobot_spacedock.metrics.collect import collect
 from lerobot_spacedock.metrics.crossing import closest_approach, plane_crossing, range_rate
 from lerobot_spacedock.metrics.effort import effort
-from lerobot_spacedock.metrics.episode import corridor_margin, episode_metrics
+from lerobot_spacedock.metrics.episode import CONTACT_NUMBERS, IDSS_CONDITIONS, corridor_margin, episode_metrics
 from lerobot_spacedock.metrics.smoothness import smoothness
 from lerobot_spacedock.metrics.visitation import CELL_M, count_cells, density, merge
 from lerobot_spacedock.physics.constants import MEAN_MOTION_rad_s
@@ -167,6 +167,18 @@ def test_an_episode_that_never_crosses_is_judged_at_its_last_state_with_its_whol
     assert not short["idss_lateral"]
     assert not short["idss"]
     assert short["final_distance_m"] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("x", "flew_through"), [(0.0, False), (0.12, True)])
+def test_who_met_the_box_at_the_plane_did_not_fly_through_it(x, flew_through):
+    """A task of fixed length judges its last state: behind the plane, and here too far behind it."""
+    y = np.array([-0.2, -0.13, -0.06, 0.01, 0.08, 0.15])
+    last = {**dict.fromkeys(CONTACT_NUMBERS, 0.0), **dict.fromkeys(IDSS_CONDITIONS, True), "axial_m": -0.15}
+    last |= {"idss": False, "idss_lateral": False}
+    flown = episode_metrics(make_log(y, vy=0.07, x=x, metadata={"config": {"contact": False}, "contact": last}))
+    assert flown["crossed"]
+    assert not flown["idss"]
+    assert flown["fly_through"] is flew_through
 
 
 def test_who_hovers_before_the_port_has_not_docked_where_the_task_is_to_touch_it():
