@@ -25,6 +25,7 @@ from lerobot_spacedock.physics.frames import OBSERVATION_INDICES, POSITION, VELO
 
 COLUMN_NAMES = (*NAMES, *IDSS_CONDITIONS, *ATV_CONDITIONS)
 RANGE_GRID_M = np.concatenate([[0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4], np.linspace(0.5, 30.0, 60)])
+PLACES_IN_A_STEP = 16  # looked at for the closing rate: it turns quickly where the port is passed at the side
 TRACES_KEPT = 100  # of each set, for the figures that draw episodes one by one
 SURPLUS = "surplus episode of the last vector batch, beyond the number that was asked for"
 BATCH = 64
@@ -165,12 +166,22 @@ def initial_conditions(log: EpisodeLog) -> str:
 
 
 def closing_profile(log: EpisodeLog) -> np.ndarray:
-    """m/s, (67,): closing rate when the range first fell to each of ``RANGE_GRID_M``; NaN where it never did."""
-    distance, rate = range_rate(log.state[:, POSITION], log.state[:, VELOCITY])
+    """m/s, (67,): closing rate when the range first fell to each of ``RANGE_GRID_M``; NaN where it never did.
+
+    Between states position and velocity are straight.
+    """
+    distance, rate = range_rate(*(_within_steps(log.state[:, part]) for part in (POSITION, VELOCITY)))
     nearest = np.minimum.accumulate(distance)
     fresh = np.concatenate([[True], nearest[1:] < nearest[:-1]])
     profile = np.interp(RANGE_GRID_M, nearest[fresh][::-1], -rate[fresh][::-1], left=np.nan, right=np.nan)
     return profile.astype(np.float32)
+
+
+def _within_steps(rows: np.ndarray) -> np.ndarray:
+    """States and what lies straight between them: (K+1, D) → (K · ``PLACES_IN_A_STEP`` + 1, D)."""
+    steps = np.arange(len(rows))
+    places = np.linspace(0, len(rows) - 1, PLACES_IN_A_STEP * (len(rows) - 1) + 1)
+    return np.stack([np.interp(places, steps, column) for column in rows.T], axis=1)
 
 
 def _read_batch(job: tuple[int, Sequence[Path]]) -> _Part:

@@ -135,6 +135,14 @@ def test_the_closing_profile_is_of_the_first_time_at_each_range():
     flown = {-10: 1.0, -6: 0.8, -9: -0.5, -8: 0.3, -5: 0.6, -1: 0.2, -3: -0.3}  # m: m/s
     profile = closing_profile(hand_made([(0, y, 0, speed) for y, speed in flown.items()]))
     found = dict(zip(RANGE_GRID_M, profile, strict=True))
-    expected = {10.0: 1.0, 8.0: 0.9, 6.0: 0.8, 5.5: 0.7, 5.0: 0.6, 3.0: 0.4, 1.0: 0.2}
+    expected = {10.0: 1.0, 8.0: 0.9, 6.0: 0.8, 5.5: 0.55, 5.0: 0.6, 3.0: 0.4, 1.0: 0.2}
     assert {distance: found[distance] for distance in expected} == pytest.approx(expected, abs=1e-6)
     assert np.array_equal(np.isnan(profile), (RANGE_GRID_M < 1.0) | (RANGE_GRID_M > 10.0))
+
+
+def test_the_closing_profile_of_a_chaser_that_docks_is_its_speed_to_the_end():
+    """At 0.08 m/s to 6 mm beside the port, where the range stands still: at range r the rate is v √(1 − (x/r)²)."""
+    miss, speed = 0.006, 0.08
+    profile = closing_profile(hand_made([(miss, y, 0, speed) for y in (-0.24, -0.16, -0.08, 0.0)], dt=1.0))
+    near = RANGE_GRID_M[1:5]
+    assert profile[1:5] == pytest.approx(speed * np.sqrt(1.0 - (miss / near) ** 2), abs=5e-4)
