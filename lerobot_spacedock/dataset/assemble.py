@@ -25,12 +25,14 @@ class Total:
         episodes, frames: sizes.
         left_out: (episode, reason) of each that could not be read.
         notes: further sentences for whoever ran the command.
+        starts: the sets of starts that its episodes state.
     """
 
     episodes: int
     frames: int
     left_out: list[tuple[str, str]]
     notes: list[str]
+    starts: list[str]
 
 
 def assemble(job: Job) -> Total:
@@ -56,6 +58,7 @@ def assemble(job: Job) -> Total:
         write_episode_rows(complete, (read_summary(job, index).rows for index in range(plan.num_shards)))
         facts = plan.facts | {"left_out": total.left_out} if total.left_out else plan.facts
         facts = facts | {"notes": total.notes} if total.notes else facts
+        facts = {"initial_conditions": total.starts} | facts if total.starts else facts
         write_dataset_facts(complete, facts, plan.layout.columns())
         write_card(complete, plan.layout.repo_id)
     except (OSError, RuntimeError) as error:
@@ -73,14 +76,16 @@ def _count(job: Job, plan: Plan) -> tuple[Total, list[Path]]:
     left_out = [tuple(pair) for pair in plan.facts.get("left_out", [])]  # found unreadable when episodes were chosen
     sizes: Counter[str] = Counter()
     assumed: Counter[str] = Counter()
+    starts: dict[str, None] = {}
     for index in range(plan.num_shards):
         summary = read_summary(job, index)
         episodes, frames = episodes + len(summary.rows), frames + summary.frames
         left_out += summary.left_out
         sizes.update(summary.resized)
         assumed.update(summary.assumed)
+        starts.update(dict.fromkeys(name for row in summary.rows if (name := row["initial_conditions"])))
         if summary.rows:
             shards.append(job.shard(index))
     notes = [f"pictures of {count} episodes were scaled: {size}" for size, count in sorted(sizes.items())]
     notes += [f"{what} ({count} episodes)" for what, count in sorted(assumed.items())]
-    return Total(episodes, frames, left_out, notes), shards
+    return Total(episodes, frames, left_out, notes, list(starts)), shards

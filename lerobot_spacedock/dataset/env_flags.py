@@ -12,6 +12,7 @@ from lerobot_spacedock.dataset.job import dotted
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.env.config import SpaceDockConfig
 from lerobot_spacedock.env.registration import ENV_IDS, withholds_pose
+from lerobot_spacedock.env.scenario_config import INITIAL_CONDITIONS
 from lerobot_spacedock.errors import InputError
 
 # what the features say (or the port, of the camera's), and what belongs to one flight alone
@@ -58,8 +59,8 @@ def dataset_env_flags(reader: DatasetReader) -> list[str]:
     facts = reader.facts
     # of flights that others made: what their pictures show
     env = dict(facts.get("env") or {**(facts.get("drawing") or {}), "port": facts.get("port")})
-    if len(facts.get("initial_conditions") or []) > 1:
-        env.pop("initial_conditions", None)  # the first of several
+    if starts := facts.get("initial_conditions"):  # the episodes' own, where the environment is that of the first
+        env["initial_conditions"] = starts[0] if len(starts) == 1 and starts[0] in INITIAL_CONDITIONS else None
     return env_flags(reader.features, env)
 
 

@@ -133,6 +133,21 @@ def test_a_student_of_another_port_sun_and_lens_is_flown_there(tmp_path, capsys)
     assert parsed(dataset_env_flags(DatasetReader(root))).initial_conditions == "same", "no single one is theirs"
 
 
+def test_logs_of_several_starts_name_them_all_and_no_single_one(tmp_path):
+    logs = [*fly_some([1], initial_conditions="random"), *fly_some([2, 3])]
+    logs[2].metadata["initial_conditions"] = "given"  # as of an episode that was begun from a state
+    for number, log in enumerate(logs):
+        write_episode_log(tmp_path / "logs" / f"episode_{number}.parquet", short(log, 3))
+    first = {"num_episodes": 1, "num_workers": 1, "images": "none"}
+    everything = first | {"num_episodes": 0}
+    convert(ConvertConfig(str(tmp_path / "logs"), "me/all", root=str(tmp_path / "all"), **everything))
+    assert "starts random, same, given\n" in (tmp_path / "all" / "README.md").read_text()
+    assert parsed(dataset_env_flags(DatasetReader(tmp_path / "all"))).initial_conditions == "same", "the default"
+    convert(ConvertConfig(str(tmp_path / "all"), "me/one", root=str(tmp_path / "one"), format="lerobot", **first))
+    assert "starts random\n" in (tmp_path / "one" / "README.md").read_text()
+    assert parsed(dataset_env_flags(DatasetReader(tmp_path / "one"))).initial_conditions == "random"
+
+
 def commands_after(text: str) -> list[list[str]]:
     """The words of each command that is shown after "Next:"."""
     return [shlex.split(line.removeprefix("Next:")) for line in text[text.index("Next:") :].splitlines()]

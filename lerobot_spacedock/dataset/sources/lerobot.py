@@ -24,7 +24,7 @@ from lerobot_spacedock.errors import reading
 from lerobot_spacedock.physics.constants import CHASER_MASS_kg
 from lerobot_spacedock.physics.frames import MASS
 
-INHERITED = ("env", "drawing", "expert", "initial_conditions", "first_seed", "disturbance")
+INHERITED = ("env", "drawing", "expert", "first_seed", "disturbance")
 
 
 def list_episodes(path: Path, options: tuple) -> list[EpisodeRef]:
