@@ -17,7 +17,7 @@ from lerobot_spacedock.dataset.camera_flags import CameraFlags, over
 from lerobot_spacedock.dataset.encoder import check_encoder
 from lerobot_spacedock.dataset.episode import succeeded
 from lerobot_spacedock.dataset.frames import check_drawing, drawing_options
-from lerobot_spacedock.dataset.job import Job, Plan, shard_count
+from lerobot_spacedock.dataset.job import Job, Plan, dotted, shard_count
 from lerobot_spacedock.dataset.record import DatasetLayout, Storage
 from lerobot_spacedock.dataset.roots import check_repo_id, dataset_root
 from lerobot_spacedock.dataset.scale import ExecutorConfig, run_executor
@@ -192,6 +192,7 @@ def _plan(config: ConvertConfig) -> tuple[Plan, list[EpisodeRef]]:
         segment=config.segment,
         repeat_terminal=config.repeat_terminal,
         skip_bad=config.skip_bad,
+        as_stated=_left_to_flights(config) if drawn and config.format == "logs" else [],
         facts=inherited
         | {
             "made_by": "spacedock convert",
@@ -217,6 +218,13 @@ def _shown(config: ConvertConfig, env: SpaceDockConfig, stored: np.ndarray | Non
         base = replace(base, height=stored.shape[0], width=stored.shape[1])
     camera = replace(over(config.camera, base), port=env.port)
     return replace(env, camera=camera, renderer=config.renderer or env.renderer, sun=config.sun or env.sun)
+
+
+def _left_to_flights(config: ConvertConfig) -> list[str]:
+    """The options of the pictures that no flag gives: what each flight states, size apart."""
+    asked = {"camera": asdict(config.camera), "renderer": config.renderer, "sun": config.sun}
+    left = [name for name, value in dotted(asked).items() if value is None]
+    return [name for name in left if name not in ("camera.height", "camera.width", "camera.port")]
 
 
 def _inherited(config: ConvertConfig) -> dict[str, Any]:

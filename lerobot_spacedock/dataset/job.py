@@ -41,6 +41,7 @@ class Plan:
         segment: as ``--segment``.
         repeat_terminal: as ``--repeat_terminal``.
         skip_bad: leave out episodes that cannot be read instead of stopping.
+        as_stated: dotted names in ``drawing`` that every flight has to state alike.
         facts: what ``meta/spacedock.json`` says beside the schema.
     """
 
@@ -51,6 +52,7 @@ class Plan:
     segment: str = "all"
     repeat_terminal: int = 0
     skip_bad: bool = False
+    as_stated: list[str] = field(default_factory=list)
     facts: dict[str, Any] = field(default_factory=dict)
 
     def save(self, path: Path) -> None:

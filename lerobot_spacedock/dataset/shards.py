@@ -15,16 +15,18 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lerobot_spacedock.dataset.frames import Artist
-from lerobot_spacedock.dataset.job import Job, Plan
+from lerobot_spacedock.dataset.frames import Artist, drawing_options
+from lerobot_spacedock.dataset.job import Job, Plan, dotted
 from lerobot_spacedock.dataset.provenance import episode_row
 from lerobot_spacedock.dataset.record import DatasetRecorder
 from lerobot_spacedock.dataset.segments import Segment, pieces
+from lerobot_spacedock.dataset.source_env import stated_env
 from lerobot_spacedock.dataset.sources import EpisodeRef, LoadedEpisode, load
 from lerobot_spacedock.dataset.sources.pictures import resized
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.files import write_json
+from lerobot_spacedock.metrics.episode import port_of
 
 SUMMARY_FILE = "shard.json"
 # keys of a log's metadata, each a sentence where the source has none
@@ -124,6 +126,7 @@ def _write(
     for ref in refs:
         try:
             episode = load(ref)
+            _check_alike(plan, ref, episode.log)
             parts = pieces(episode.log, segment, repeat_terminal=plan.repeat_terminal)
             for number, (first, part) in enumerate(parts):
                 recorder = recorder or DatasetRecorder(aside, plan.layout, encoder_threads=encoder_threads)
@@ -146,6 +149,27 @@ def _write(
     if recorder is not None:
         recorder.close()
     return ShardSummary(rows, left_out, dict(changed), dict(assumed))
+
+
+def _check_alike(plan: Plan, ref: EpisodeRef, log: EpisodeLog) -> None:
+    """One dataset is of one port, and its pictures are drawn in one way: that of the first episode.
+
+    Raises:
+        InputError: this one is of another port, or states that its pictures are drawn otherwise.
+    """
+    port = port_of(log.metadata).name
+    planned = (plan.facts.get("env") or plan.facts).get("port", port)
+    if port != planned:
+        mend = "Convert those of each port into a dataset of their own."
+        raise InputError("--source", f"{ref.label} at {port}", f"flights to {planned}, as the first", mend)
+    env = stated_env(log, {}) if plan.as_stated else None
+    if env is None:
+        return
+    stated, drawn = (dotted(json.loads(json.dumps(options))) for options in (drawing_options(env), plan.drawing))
+    for name in plan.as_stated:
+        if stated[name] != drawn[name]:
+            given, mend = f"{ref.label} with {name}={stated[name]}", f"Give --{name}, or convert the two apart."
+            raise InputError("--source", given, f"{name}={drawn[name]}, as the first", mend)
 
 
 def reason_of(error: Exception, ref: EpisodeRef) -> str:

@@ -618,6 +618,32 @@ def test_pictures_of_logs_are_drawn_as_the_logs_state_and_flags_override(tmp_pat
     assert (env["camera"]["sensor"]["blur_px"], env["camera"]["sensor"]["bloom_px"]) == (0.0, 3.0)
 
 
+def write_logs(folder, *logs):
+    for log in logs:
+        write_episode_log(folder / f"episode_{log.metadata['seed']:06d}.parquet", short(log, 3))
+
+
+def test_flights_to_two_ports_make_no_dataset(flights, harmony, tmp_path):
+    write_logs(
+        tmp_path / "logs", flights[4], dataclasses.replace(harmony[0], metadata={"seed": 9, "port": "harmony_forward"})
+    )
+    with pytest.raises(InputError, match=r"episode_100004\.parquet at zvezda_aft; allowed: flights to harmony_forward"):
+        run(tmp_path / "logs", tmp_path / "d", images="none", camera=CameraFlags())
+    assert not (tmp_path / "d").exists()
+    run(tmp_path / "logs", tmp_path / "d", images="none", camera=CameraFlags(), skip_bad=True)
+    assert len(DatasetReader(tmp_path / "d").lengths) == 1
+
+
+def test_pictures_that_flights_state_differently_are_not_drawn_alike_unless_asked(tmp_path):
+    write_logs(tmp_path / "logs", *fly_some([1], sun="orbit"), *fly_some([2], sun="random"))
+    options = {"camera": CameraFlags(height=16, width=24, samples=1), "storage": Storage("image")}
+    with pytest.raises(InputError, match=r"episode_000002\.parquet with sun=random; allowed: sun=orbit.*Give --sun"):
+        run(tmp_path / "logs", tmp_path / "d", **options)
+    run(tmp_path / "logs", tmp_path / "asked", **options, sun="fixed")
+    assert check_dataset(tmp_path / "asked").errors == []
+    run(tmp_path / "logs", tmp_path / "none", **options | {"images": "none"})
+
+
 def test_pictures_keep_their_size_unless_another_is_given(raw_export, tmp_path):
     options = {"format": "raw", "storage": Storage("image")}
     for camera, size in (
