@@ -54,8 +54,18 @@ def command_option(name: str) -> Any:
 
     if running_command() is None:
         return None
-    flag = parser.parse_arg(name)
+    flag = _flag(name)
     return flag if flag is not None else _file_option(parser.parse_arg("config_path"), name)
+
+
+def _flag(name: str) -> str | None:
+    """The last of the flags of that name, as LeRobot's commands take it; of a ``.path`` they take the first."""
+    from lerobot.configs import parser
+
+    if name.endswith(f".{parser.PATH_KEY}"):
+        return parser.parse_arg(name)
+    starts = range(len(sys.argv) - 1, 0, -1)
+    return next((flag for at in starts if (flag := parser.parse_arg(name, sys.argv[at:])) is not None), None)
 
 
 def output_dir() -> Path | None:

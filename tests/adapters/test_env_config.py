@@ -7,7 +7,8 @@ import sys
 import gymnasium as gym
 import numpy as np
 import pytest
-from lerobot.configs import FeatureType
+from lerobot.configs import FeatureType, parser
+from lerobot.configs.eval import EvalPipelineConfig
 from lerobot.envs.factory import make_env, make_env_config, make_env_pre_post_processors
 from lerobot.envs.utils import env_to_policy_features, preprocess_observation
 
@@ -129,6 +130,24 @@ def test_the_commands_options_are_read_from_flags_and_file(command, tmp_path, pr
     command(program)
     assert command_line.output_dir() is None
     assert command_line.num_episodes() == 50  # LeRobot's default
+
+
+def test_of_a_flag_given_twice_the_one_that_lerobot_takes_counts(command):
+    """As a shell function with defaults is called: the last; of --policy.path the first."""
+    flags = ["--output_dir=a", "--env.type=spacedock", "--env.obs_type=agent_pos", "--policy.type=spacedock_mpc"]
+    flags += ["--env.task=SpaceDock-v0", "--eval.n_episodes=3", "--policy.device=cpu"]
+    flags += ["--output_dir", "b", "--env.task=SpaceDockContact-v0", "--eval.n_episodes", "2"]
+    command("lerobot-eval", *flags)
+    taken = parser.wrap()(_configured)()
+    assert (taken.env.task, str(taken.output_dir), taken.eval.n_episodes) == ("SpaceDockContact-v0", "b", 2)
+    assert taken.policy.hill_coupling is True
+    assert (str(command_line.output_dir()), command_line.num_episodes()) == ("b", 2)
+    command("lerobot-eval", "--policy.path=a", "--policy.path=b")
+    assert command_line.command_option("policy.path") == parser.get_path_arg("policy") == "a"
+
+
+def _configured(config: EvalPipelineConfig) -> EvalPipelineConfig:
+    return config
 
 
 @pytest.mark.parametrize(
