@@ -12,6 +12,7 @@ from lerobot_spacedock.dataset.findings import Problems, Report
 from lerobot_spacedock.dataset.reader import DatasetReader, Episode
 from lerobot_spacedock.dataset.residuals import TOLERANCES, best_coupling, residuals
 from lerobot_spacedock.dataset.segments import MIN_STEPS
+from lerobot_spacedock.dataset.sources import NO_CHASER
 from lerobot_spacedock.env.start import MAX_QUATERNION_ERROR
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.metrics.episode import limits_of
@@ -131,6 +132,10 @@ def _check_dynamics(reader: DatasetReader, episode: Episode, problems: Problems)
     log = episode.log()
     if log.num_steps < 1:
         return
+    env = log.metadata.get("config") or reader.facts.get("env") or {}
+    if isinstance(env, dict) and env.get("dynamics") == "meta" and "dynamics" not in log.metadata:
+        problems.note_once(f"the chaser {NO_CHASER}.")
+        return
     unsure = "times" in log.metadata
     if unsure:
         problems.note_once(f"times are {log.metadata['times']}: states that do not follow from commands only warn.")
@@ -140,7 +145,6 @@ def _check_dynamics(reader: DatasetReader, episode: Episode, problems: Problems)
         log = replace(log, state=np.where(np.arange(STATE_DIM) == MASS, np.nan, log.state))  # integrated instead
         widen = {"velocity_m_s": UNKNOWN_MASS}
     problems.report.checks["dynamics"] += 1
-    env = log.metadata.get("config") or reader.facts.get("env") or {}
     coupling = env["hill_coupling"] if "hill_coupling" in env else best_coupling(log)
     for name, values in residuals(log, hill_coupling=bool(coupling)).items():
         known = "mass" not in log.metadata and rows.get(schema.TRUE_STATE, rows[schema.STATE]).shape[1] == STATE_DIM

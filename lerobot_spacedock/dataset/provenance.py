@@ -50,12 +50,13 @@ def episode_row(log: EpisodeLog, *, source: str, repeat: int = 0) -> dict[str, A
         source: where it came from.
         repeat: how many times this piece was written before.
     """
+    seed = log.metadata.get("seed")
     terminal = dict(zip(TERMINAL_COLUMNS, (float(v) for v in log.state[-1]), strict=True))
     return {
         "length": log.num_steps,
         "source": source,
         "repeat": repeat,
-        "seed": _optional(log.metadata.get("seed"), int),
+        "seed": seed if isinstance(seed, int) and 0 <= seed < 2**64 else None,
         "initial_conditions": str(log.metadata.get("initial_conditions") or ""),
         "outcome": str(log.metadata.get("outcome") or ""),
         "success": bool(log.metadata.get("success", False)),
@@ -172,16 +173,12 @@ def read_dataset_facts(root: Path) -> dict[str, Any]:
     return read_object(path)
 
 
-def _optional(value: Any, kind: type) -> Any:
-    return None if value is None else kind(value)
-
-
 def _array(name: str, values: list) -> pa.Array:
     kinds = {
         "episode_index": pa.int64(),
         "length": pa.int64(),
         "repeat": pa.int64(),
-        "seed": pa.int64(),
+        "seed": pa.uint64(),
         "segment_first_step": pa.int64(),
         "success": pa.bool_(),
         "source": pa.string(),

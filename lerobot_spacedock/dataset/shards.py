@@ -30,7 +30,7 @@ from lerobot_spacedock.metrics.episode import port_of
 
 SUMMARY_FILE = "shard.json"
 # keys of a log's metadata, each a sentence where the source has none
-ASSUMED = ("times", "mass", "rewards", "readings")
+ASSUMED = ("times", "mass", "rewards", "readings", "chaser")
 
 
 @dataclass(frozen=True)

@@ -33,18 +33,18 @@ def stated_env(log: EpisodeLog | None, inherited: dict[str, Any]) -> SpaceDockCo
         inherited: what a source that is a dataset says of itself: that of its pictures, which the flight's own
             configuration need not know.
     """
-    stated = _readable(inherited.get("env") or (log.metadata.get("config") if log is not None else None))
+    stated = readable(inherited.get("env") or (log.metadata.get("config") if log is not None else None))
     return None if stated is None else replace(stated, log_dir=None)
 
 
 def pictured_env(inherited: dict[str, Any], port: str) -> SpaceDockConfig:
     """What is known of the pictures where nothing is known of the flights but their port."""
     drawing = inherited.get("drawing")
-    stated = _readable({**drawing, "port": port}) if isinstance(drawing, dict) else None
+    stated = readable({**drawing, "port": port}) if isinstance(drawing, dict) else None
     return stated or SpaceDockConfig(port=port)
 
 
-def _readable(options: Any) -> SpaceDockConfig | None:
+def readable(options: Any) -> SpaceDockConfig | None:
     """None of what another version, or anybody else, wrote."""
     if not isinstance(options, dict):
         return None

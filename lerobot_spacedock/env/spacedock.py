@@ -200,6 +200,11 @@ class SpaceDockEnv(gym.Env):
             self._renderer.close()
             self._renderer = None
 
+    @property
+    def dynamics(self) -> dict[str, np.ndarray]:
+        """Chaser and sensors of this episode, SI, drawn in the meta task: what its log says under ``dynamics``."""
+        return {name: np.asarray(values) for name, values in self._simulator.dynamics(0).items()}
+
     # --- parts ----------------------------------------------------------------------------------------------------
 
     def _true_state(self) -> np.ndarray:

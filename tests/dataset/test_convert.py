@@ -329,32 +329,68 @@ def test_minari(flights, tmp_path, monkeypatch):
     assert report.worst["position_m"] < 1e-4, "the true times and states came with the infos"
 
 
-@pytest.mark.parametrize("env_id", ["SpaceDockMeta-v0", "SpaceDock-v0", "SpaceDockVision-v0"])
-def test_what_imperfect_sensors_showed_is_kept_beside_the_truth(tmp_path, monkeypatch, env_id):
-    """Minari itself is stood for by the two things that are read of it."""
-    env = gym.make(env_id, obs_type="agent_pos")
-    observation, info = env.reset(seed=3)
-    seen, infos = [observation["agent_pos"]], [info]
+def recorded(monkeypatch, env_id, seed=3, *, dynamics=True, **options):
+    """Flies a few steps as Minari records them; Minari itself is stood for by the three things that are read of it.
+
+    Returns what the environment showed, and its true states.
+    """
+    env = gym.make(env_id, obs_type="agent_pos", **options)
+    observation, info = env.reset(seed=seed)
+    seen, infos = [observation["agent_pos"]], [info | {"dynamics": env.unwrapped.dynamics}]
     for _ in range(6):
         observation, *_, info = env.step(np.ones(6, dtype=np.float32))
         seen.append(observation["agent_pos"])
-        infos.append(info)
+        infos.append(info | {"dynamics": env.unwrapped.dynamics})
     env.close()
+    kept = {name: np.array([info[name] for info in infos]) for name in ("time_s", "state", "is_success")}
+    drawn = {name: np.array([info["dynamics"][name] for info in infos]) for name in infos[0]["dynamics"]}
     episode = types.SimpleNamespace(
         observations={"agent_pos": np.array(seen)},
         actions=np.ones((6, 6), dtype=np.float32),
         rewards=np.zeros(6),
-        infos={name: np.array([info[name] for info in infos]) for name in ("time_s", "state", "is_success")},
+        infos=kept | ({"dynamics": drawn} if dynamics else {}),
     )
-    held = types.SimpleNamespace(episode_indices=[0], iterate_episodes=lambda indices: iter([episode]))
+    held = types.SimpleNamespace(
+        episode_indices=[0],
+        iterate_episodes=lambda indices: iter([episode]),
+        env_spec=env.spec,
+        storage=types.SimpleNamespace(get_episode_metadata=lambda indices: [{"seed": seed}]),
+    )
     monkeypatch.setitem(sys.modules, "minari", types.SimpleNamespace(load_dataset=lambda name: held))
-    blind = env_id == "SpaceDockVision-v0"
-    run("some/where-v0", tmp_path / "d", format="minari", images="none", withhold_pose=blind)
+    return np.array(seen), kept["state"]
+
+
+@pytest.mark.parametrize("env_id", ["SpaceDockMeta-v0", "SpaceDock-v0", "SpaceDockVision-v0"])
+def test_what_imperfect_sensors_showed_is_kept_beside_the_truth(tmp_path, monkeypatch, env_id):
+    seen, states = recorded(monkeypatch, env_id)
+    run("some/where-v0", tmp_path / "d", format="minari", images="none")
     rows = next(DatasetReader(tmp_path / "d").iterate()).rows
-    np.testing.assert_array_equal(rows["observation.state"], np.array(seen[:-1]))
-    np.testing.assert_array_equal(rows["true_state"], np.array([info["state"] for info in infos[:-1]], np.float32))
+    np.testing.assert_array_equal(rows["observation.state"], seen[:-1])
+    np.testing.assert_array_equal(rows["true_state"], states[:-1].astype(np.float32))
     (log,) = logs_of(tmp_path / "d")
     assert bool(log.extra.keys() & {"observed_x", "observed_vx"}) is (env_id == "SpaceDockMeta-v0")
+
+
+def test_a_recording_knows_its_environment_its_seed_and_the_chaser_that_was_drawn(tmp_path, monkeypatch):
+    seed = 2**63 + 7  # Minari draws seeds of 64 bits
+    recorded(monkeypatch, "SpaceDockMeta-v0", seed, sun="random", port="harmony_forward")
+    run("some/where-v0", tmp_path / "d", format="minari", images="none", camera=CameraFlags())
+    reader = DatasetReader(tmp_path / "d")
+    assert reader.about.column("seed").tolist() == [seed]
+    flags = " ".join(dataset_env_flags(reader))
+    assert all(f"--env.{flag}" in flags for flag in ("task=SpaceDockMeta-v0", "sun=random", "port=harmony_forward"))
+    report = check_dataset(tmp_path / "d")
+    assert (report.errors, report.checks["dynamics"]) == ([], 1)
+    assert report.worst["attitude_rad"] < 1e-5
+
+
+def test_a_chaser_that_the_recording_does_not_know_is_not_held_against_it(tmp_path, monkeypatch, capsys):
+    recorded(monkeypatch, "SpaceDockMeta-v0", dynamics=False)
+    run("some/where-v0", tmp_path / "d", format="minari", images="none")
+    assert "chaser that was drawn not in the source" in capsys.readouterr().out
+    report = check_dataset(tmp_path / "d")
+    assert (report.errors, report.checks["dynamics"]) == ([], 0)
+    assert any("chaser that was drawn not in the source" in note for note in report.notes)
 
 
 def test_select_keeps_the_best_by_the_stated_rule(flights, log_folder, tmp_path):

@@ -25,9 +25,10 @@ FORMATS = {
     "v21": "a LeRobotDataset v2.1 of the authors' schema, through LeRobot's own converter",
 }
 
-# what a log's metadata say under "times", "mass", "rewards" and "readings" where the source has none
+# what a log's metadata say under "times", "mass", "rewards", "readings" and "chaser" where the source has none
 NO_REWARDS = "not in the source: 0 stands in their place"
 NO_READINGS = "of the imperfect sensors not in the source: the true state stands in their place"
+NO_CHASER = "that was drawn not in the source: whether states follow from commands cannot be checked"
 BY_STATES = "the IDSS box; the source does not say"
 NO_MASS = "not in the source: the nominal mass stands in its place"
 
