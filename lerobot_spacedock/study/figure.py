@@ -9,11 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.physics.contact import IDSS
-from lerobot_spacedock.report.figures.style import INK, LIMIT, Figure, Panel, run_style, write_paper_files
+from lerobot_spacedock.report.figures.style import (
+    INK,
+    LIMIT,
+    MUTED,
+    Figure,
+    Panel,
+    plain_log,
+    run_style,
+    write_paper_files,
+)
 from lerobot_spacedock.report.paper import ACCURACY, SMOOTHNESS, RANDOM_DISTANCE_m
 from lerobot_spacedock.study.results import read_trials
 from lerobot_spacedock.study.table import group
@@ -103,6 +111,8 @@ def frontier(
 
 
 def _draw(axes: Any, *, task: str, kind: str, chunks: list[int], by_task: dict[str, dict]) -> None:
+    ring = {"marker": "o", "markersize": 10, "markerfacecolor": "none", "linestyle": "none"}
+    ringed = False
     for place, chunk in enumerate(chunks):
         rows = by_task[task].get((kind, chunk))
         if rows is None:
@@ -115,14 +125,18 @@ def _draw(axes: Any, *, task: str, kind: str, chunks: list[int], by_task: dict[s
         for coefficient, mean in zip(order, means, strict=True):
             axes.plot(*rows[coefficient], ".", color=style["color"], alpha=0.35, markersize=3)
             if coefficient == LEROBOTS:
-                axes.plot(*mean, "o", markersize=10, markerfacecolor="none", markeredgecolor=style["color"])
+                axes.plot(*mean, markeredgecolor=style["color"], **ring)
+                ringed = True
+    if ringed:
+        axes.plot([], [], label=f"coefficient {LEROBOTS:g}", markeredgecolor=MUTED, **ring)
     if task in PAPERS_ACT:
         axes.plot(*PAPERS_ACT[task], "*", color=INK, markersize=11, label="paper's ACT", linestyle="none")
-    if not task.startswith(FIXED_HORIZON):
-        axes.axhline(IDSS.lateral_m, color=LIMIT, linewidth=0.9, linestyle="--", label="IDSS lateral limit")
     axes.set_xscale("log")
     axes.set_yscale("log")
     _same_limits(axes, task, by_task)
+    low, high = axes.get_ylim()
+    if not task.startswith(FIXED_HORIZON) and low < IDSS.lateral_m < high:
+        axes.axhline(IDSS.lateral_m, color=LIMIT, linewidth=0.9, linestyle="--", label="IDSS lateral limit")
     axes.set_xlabel("mean ‖Δa‖, Eq. 4 (less is smoother)")
     axes.set_ylabel("mean ‖r_K‖ (m)" if task.startswith(FIXED_HORIZON) else "mean distance at the end (m)")
     axes.legend(loc="best", fontsize=7.5)
@@ -140,8 +154,4 @@ def _same_limits(axes: Any, task: str, by_task: dict[str, dict]) -> None:
         (axes.xaxis, axes.yaxis),
         strict=True,
     ):
-        set_limits(low / 1.25, high * 1.25)
-        within_a_decade = high < 10.0 * low
-        axis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if within_a_decade else (1.0, 2.0, 5.0)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(NullFormatter())
+        plain_log(axis, *set_limits(low / 1.25, high * 1.25))

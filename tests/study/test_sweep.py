@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure as Canvas
 from optuna.trial import TrialState
 
 from lerobot_spacedock import cli
@@ -20,7 +21,7 @@ from lerobot_spacedock.expert.controllers import make_expert
 from lerobot_spacedock.study import sweep as sweep_module
 from lerobot_spacedock.study import table as table_module
 from lerobot_spacedock.study.config import SweepConfig
-from lerobot_spacedock.study.figure import FigureConfig, frontier, sweep_figure
+from lerobot_spacedock.study.figure import FigureConfig, _draw, frontier, sweep_figure
 from lerobot_spacedock.study.results import read_trials
 from lerobot_spacedock.study.rollout import env_config
 from lerobot_spacedock.study.summarize import main
@@ -226,6 +227,24 @@ def test_the_figure_has_a_curve_for_each_chunk_with_all_its_seeds(config, monkey
         sweep_figure(dataclasses.replace(drawn, results=[config.results, longer.results]))
     with pytest.raises(InputError, match="twice"):  # the same trial would pass for another seed
         read_trials([Path(config.results), Path(config.results)])
+
+
+@pytest.mark.parametrize(("task", "limit"), [("SpaceDockContact-v0/same", True), ("SpaceDockContact-v0/wide", False)])
+def test_the_legend_names_what_a_panel_shows_and_no_more(config, monkeypatch, task, limit):
+    def far_from_wide(point, config):
+        found = result_of(point, config)
+        for row in found["rows"]:
+            row["distance_m"]["mean"] *= 100.0 if row["task"].endswith("wide") else 1.0
+        return found
+
+    monkeypatch.setattr(sweep_module, "run_trial", far_from_wide)
+    sweep(dataclasses.replace(config, tasks=["SpaceDockContact-v0/same", "SpaceDockContact-v0/wide"]))
+    trials = read_trials([Path(config.results)])
+    axes = Canvas().add_axes((0.1, 0.1, 0.8, 0.8))
+    _draw(axes, task=task, kind="kicked", chunks=[5, 10], by_task={task: frontier(trials, task)})
+    named = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert named == ["chunk 5", "chunk 10", "coefficient 0.01", *["IDSS lateral limit"] * limit]
+    assert len([line for line in axes.lines if line.get_marker() == "o" and line.get_markersize() == 10]) == 2 + 1
 
 
 def test_a_point_that_only_ever_failed_comes_into_the_queue_again_and_no_other(config):

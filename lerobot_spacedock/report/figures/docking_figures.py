@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from lerobot_spacedock.metrics.collect import RANGE_GRID_M, EpisodeSet
 from lerobot_spacedock.physics.constants import THRUST_LIMIT_N, CHASER_MASS_kg
 from lerobot_spacedock.physics.contact import IDSS
-from lerobot_spacedock.report.figures.style import LIMIT, MUTED, Figure, Panel, run_style
+from lerobot_spacedock.report.figures.style import LIMIT, MUTED, Figure, Panel, plain_log, run_style
 from lerobot_spacedock.report.model import Run, Study
 
 POINTS_DRAWN = 1000  # a run; beyond, evenly spaced episodes stand for all in scatter plots (said in the caption)
@@ -72,11 +70,11 @@ def error_figure(study: Study, conditions: str) -> Figure:
         for run, e in flown:
             values = np.sort(e.values(name))
             style = run_style(study.colour(run))
-            steps = np.arange(1, len(values) + 1) / max(1, len(values))
-            positive = np.maximum(values, 1e-6)
+            steps = np.arange(len(values) + 1) / max(1, len(values))
+            positive = np.maximum(np.concatenate([values[:1], values]), 1e-6)  # the first step up, from 0, shows too
             ax.step(positive, steps, where="post", color=style["color"], ls=style["linestyle"], label=run.label)
         ax.set(xscale="log", xlabel=label, ylabel="share of episodes", ylim=(0, 1.02))
-        _plain_log(ax.xaxis)
+        plain_log(ax.xaxis, *ax.get_xlim())
         ax.legend()
 
     return Figure(
@@ -101,7 +99,7 @@ def effort_figure(study: Study, conditions: str) -> Figure:
             ax.plot(x, np.maximum(y, 1e-6), style["marker"], ms=3.5, color=style["color"], alpha=0.6, mec="none",
                     label=run.label)  # fmt: skip
         ax.set(xlabel="Δv (m/s)", ylabel="‖r_K‖ (m)", yscale="log")
-        _plain_log(ax.yaxis)
+        plain_log(ax.yaxis, *ax.get_ylim())
         ax.legend()
 
     return Figure(
@@ -112,15 +110,6 @@ def effort_figure(study: Study, conditions: str) -> Figure:
         columns=1,
         panel_in=(6.2, 3.4),
     )
-
-
-def _plain_log(axis: Axis) -> None:
-    """Labels 0.1, 1, 10, with 2 and 5 between where the axis spans little."""
-    low, high = axis.get_view_interval()
-    subs = (1.0, 2.0, 5.0) if high / low < 300.0 else (1.0,)
-    axis.set_major_locator(LogLocator(subs=subs))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def _thin(values: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from lerobot_spacedock.report.model import Run, Study
 from lerobot_spacedock.report.paper import SMOOTHNESS
 
 RING_M = 2.0
+BAR_SHARE = 0.24  # of a panel's width, for a colour bar with its numbers and its unit
 PLANES = (("XY", 0, "yx"), ("ZY", 2, "yz"))  # the paper's names; y runs along the approach
 
 
@@ -178,7 +179,8 @@ def _contours(ax: Axes, plane_map: tuple, levels: np.ndarray, letter: str) -> No
     if grid.max() >= levels[0]:
         filled = ax.contourf(y, w, grid, levels=levels, cmap="viridis", norm="log", extend="max")
         shown = levels[[0, 3, 6, 9]]
-        bar = ax.figure.colorbar(filled, ax=ax, pad=0.02, ticks=FixedLocator(shown), format=FuncFormatter(_short))
+        ticks = {"ticks": FixedLocator(shown), "format": FuncFormatter(_short)}
+        bar = ax.figure.colorbar(filled, ax=ax, pad=0.02, fraction=BAR_SHARE, **ticks)
         bar.ax.yaxis.set_minor_locator(NullLocator())
         bar.set_label("1/m²")
         bar.outline.set_edgecolor(GRID)

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure as Canvas
+from matplotlib.text import Text
+from matplotlib.textpath import text_to_path
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito 2008
 LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
@@ -25,6 +29,8 @@ _PAGE_COLOURS = {colour.lower(): f"var(--run{i})" for i, colour in enumerate(COL
 _PAGE_COLOURS |= {INK: "var(--ink)", MUTED: "var(--muted)", GRID: "var(--grid)", LIMIT: "var(--limit)"}
 PANEL_IN = (4.2, 3.1)
 MARGINS_IN = (0.68, 0.14, 0.46, 0.28)  # left, right, bottom, top of each panel
+EDGE_IN, LEGEND_KEYS_IN = 0.1, 0.7  # what a title leaves free, and a legend takes beside its words
+LINEAR_BELOW = 2.5  # times: a logarithmic axis that spans less has evenly spaced labels
 DPI = 160
 
 RC = {
@@ -142,7 +148,44 @@ def _canvas(figure: Figure, panels: tuple[Panel, ...], columns: int) -> Canvas:
         axes = canvas.add_axes(box)
         panel.draw(axes)
         axes.set_title(panel.title)
+        _fit(axes, column * width, (column + 1) * width)
     return canvas
+
+
+def _fit(axes: Axes, left_in: float, right_in: float) -> None:
+    """Long names in smaller type: the title within its cell, the legend within its axes."""
+    box = axes.get_position()
+    canvas_in = axes.figure.get_size_inches()[0]
+    centre = 0.5 * (box.x0 + box.x1) * canvas_in
+    _shrink([axes.title], 2.0 * min(centre - left_in, right_in - centre) - EDGE_IN)
+    if axes.get_legend():
+        _shrink(axes.get_legend().get_texts(), box.width * canvas_in - LEGEND_KEYS_IN)
+
+
+def _shrink(texts: Sequence[Text], room_in: float) -> None:
+    """All of these lines by as much as the longest needs."""
+    widest = max((_width_in(text) for text in texts), default=0.0)
+    for text in texts if widest > room_in else ():
+        text.set_fontsize(text.get_fontsize() * room_in / widest)
+
+
+def _width_in(text: Text) -> float:
+    points, _, _ = text_to_path.get_text_width_height_descent(text.get_text(), text.get_fontproperties(), False)
+    return points / 72.0
+
+
+def plain_log(axis: Axis, low: float, high: float) -> None:
+    """Labels as people write them on a logarithmic axis from ``low`` to ``high``, as many as can be read."""
+    span = high / low
+    if span < LINEAR_BELOW:
+        axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))  # tens and simple shares are too far apart
+    elif span < 10.0:
+        axis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
+    else:
+        room = 100.0 if axis.axis_name == "x" else 1e4  # words are wider than high
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if span < room else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _for_page(svg: str, prefix: str, label: str) -> str:
