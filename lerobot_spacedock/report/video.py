@@ -19,6 +19,7 @@ from lerobot_spacedock.report.interpolate import dense
 SUFFIXES = (".mp4", ".gif")
 HOLD_LAST_s = 2.0  # the last view stays on for this long
 GIF_COLOURS = 128
+GIF_FPS = 50.0  # at most: a picture of one hundredth of a second is held for ten by most viewers
 MOST_PICTURES = 100_000  # an hour at 24 a second
 
 
@@ -84,8 +85,9 @@ def _write_gif(path: Path, pictures: Iterable[np.ndarray], fps: float) -> None:
     from PIL import Image
 
     images = [Image.fromarray(p).quantize(GIF_COLOURS, dither=Image.Dither.NONE) for p in pictures]
-    step = round(1000 / fps)
-    durations = [step] * (len(images) - 1) + [round(1000 * HOLD_LAST_s)]
+    # a GIF counts in hundredths of a second: what is rounded off must not add up
+    ends = np.round(np.arange(len(images)) * (100.0 / fps)).astype(int)
+    durations = [*(10 * np.diff(ends)).tolist(), round(1000 * HOLD_LAST_s)]
     images[0].save(
         path, format="GIF", save_all=True, append_images=images[1:], duration=durations, loop=0, optimize=True
     )

@@ -23,7 +23,7 @@ from lerobot_spacedock.physics.frames import state_from_dataset_units
 from lerobot_spacedock.report.instruments import frame_readings, overlay
 from lerobot_spacedock.report.interpolate import dense
 from lerobot_spacedock.report.rerun_scene import show_episode
-from lerobot_spacedock.report.video import SUFFIXES, film, film_times, write_film
+from lerobot_spacedock.report.video import GIF_FPS, SUFFIXES, film, film_times, write_film
 
 FPS, SPEED = 24.0, 4.0  # of films, where not given
 
@@ -46,7 +46,7 @@ class ViewConfig:
     render: Path | None = None
     # s, instant of --render; default: the last state
     at: float | None = None
-    # Pictures a second of the film; default: 24
+    # Pictures a second of the film, up to 50 in a GIF; default: 24
     fps: float | None = None
     # How many times faster than the flight the film runs; default: 4
     speed: float | None = None
@@ -216,3 +216,5 @@ def _check(cfg: ViewConfig) -> None:
     for flag, value in (("--fps", cfg.fps), ("--speed", cfg.speed)):
         if value is not None and not 0.0 < value <= 1000.0:
             raise InputError(flag, value, "above 0, up to 1000")
+    if cfg.video is not None and cfg.video.suffix.lower() == ".gif" and (cfg.fps or FPS) > GIF_FPS:
+        raise InputError("--fps", cfg.fps, f"up to {GIF_FPS:g} in a GIF", "An .mp4 takes more.")

@@ -111,6 +111,7 @@ def test_mistakes_are_named(log_file, tmp_path):
         ({"log": log_file, "video": tmp_path / "a.avi"}, r"\.mp4 or \.gif"),
         ({"log": log_file, "save": tmp_path / "a.txt"}, r"\.rrd"),
         ({"log": log_file, "fps": 0.0}, "--fps"),
+        ({"log": log_file, "video": tmp_path / "a.gif", "fps": 60.0}, "up to 50 in a GIF"),
         ({"dataset": tmp_path}, "meta/info.json"),
     ):
         with pytest.raises(InputError, match=message):
@@ -193,6 +194,18 @@ def test_a_film_runs_as_many_times_faster_as_it_says():
     times = film_times(log, fps=24.0, speed=4.0)
     assert (len(times) - 1) / 24.0 * 4.0 == pytest.approx(log.time[-1], abs=4.0 / 24.0)
     assert (times[0], times[-1]) == (0.0, log.time[-1])
+
+
+@pytest.mark.parametrize("fps", [7.0, 24.0, 30.0, 50.0])
+def test_a_gif_lasts_as_long_as_its_pictures_a_second_say(fps, tmp_path):
+    pictures = np.random.default_rng(0).integers(0, 255, (60, 16, 16, 3), dtype=np.uint8)
+    with Image.open(write_film(tmp_path / "film.gif", iter(pictures), fps)) as image:
+        held_ms = []
+        for k in range(image.n_frames):
+            image.seek(k)
+            held_ms.append(image.info["duration"])
+    assert sum(held_ms[:-1]) == pytest.approx(59_000 / fps, abs=10)
+    assert held_ms[-1] == 2000
 
 
 def test_a_film_too_long_to_hold_is_refused_before_it_is_drawn():
