@@ -86,6 +86,11 @@ def _sequences(config: TrainExpertConfig, device: str) -> tuple[Tensor, Tensor, 
 
 
 def freeze_actor(algorithm: PPO, frozen: bool) -> None:
-    """While frozen, updates teach the critic alone: one that knows nothing would pull a good actor apart."""
+    """While frozen, updates teach the critic alone: one that knows nothing would pull a good actor apart.
+
+    The scaling of the actor's inputs stays that of the demonstrations, later too: the weights were fitted behind it,
+    and moved it would make another policy of them in one update (100 % docked became 0 %).
+    """
+    algorithm.actor.obs_normalizer.until = 0
     for parameter in algorithm.actor.parameters():
         parameter.requires_grad_(not frozen)
