@@ -68,6 +68,8 @@ def view(cfg: ViewConfig) -> int:
     source = DatasetEpisode(cfg.dataset, cfg.episode or 0) if cfg.dataset else None
     log = source.log() if source else read_episode_log(cfg.log)
     name = f"{cfg.dataset.name}, episode {source.episode}" if source else cfg.log.name
+    if _in_rerun_alone(cfg):
+        _check_drawn(cfg, source)
     artist = StatedArtist(cfg, log.metadata)
     try:
         if cfg.render is not None:
@@ -80,7 +82,7 @@ def view(cfg: ViewConfig) -> int:
                 film(log, artist, times, _caption(log, name)), total=len(times), unit="frame", desc="filming"
             )
             print(f"Film: {write_film(cfg.video, pictures, fps)}")
-        if cfg.save is not None or (cfg.video is None and cfg.render is None):
+        if cfg.save is not None or _in_rerun_alone(cfg):
             frames = _frames(cfg, log, source, artist)
             show_episode(log, frames, vfov_deg=artist.vfov_deg, save=cfg.save, name=name, detail="low")
             print(f"Recording: {cfg.save}" if cfg.save else "Opened in the Rerun viewer.")
@@ -88,6 +90,28 @@ def view(cfg: ViewConfig) -> int:
         artist.close()
     print(f"Next: {_next(cfg)}")
     return 0
+
+
+def _in_rerun_alone(cfg: ViewConfig) -> bool:
+    return cfg.video is None and cfg.render is None
+
+
+def _check_drawn(cfg: ViewConfig, source: DatasetEpisode | None) -> None:
+    """Raises InputError where an option is of pictures to draw, and there is none to draw for Rerun."""
+    if not cfg.camera:
+        reason = "nothing, with --camera=false"
+    elif _has_pictures(source):
+        reason = "nothing: the dataset's own pictures are shown"
+    else:
+        return
+    for name, given in {**_given(cfg), "renderer": cfg.renderer}.items():
+        if given is not None:
+            raise InputError(f"--{name}", given, reason, "It goes with --video or --render.")
+
+
+def _has_pictures(source: DatasetEpisode | None) -> bool:
+    """Whether an episode has pictures of its own to show."""
+    return source is not None and (schema.IMAGE in source.cameras or len(source.cameras) == 1)
 
 
 def _next(cfg: ViewConfig) -> str:
@@ -161,7 +185,7 @@ def _frames(
 ) -> Iterator[np.ndarray]:
     if not cfg.camera:
         return iter(())
-    if source is not None and (schema.IMAGE in source.cameras or len(source.cameras) == 1):
+    if _has_pictures(source):
         return source.frames()
     drawn = artist.draw(log, 0, len(log.time))
     return iter(tqdm(drawn, total=len(log.time), unit="frame", desc="drawing"))
@@ -193,6 +217,8 @@ def _check(cfg: ViewConfig) -> None:
         )
     if cfg.log is not None and not cfg.log.is_file():
         raise InputError("--log", str(cfg.log), "an episode log that exists (episode_*.parquet)")
+    if not cfg.camera and cfg.save is None and not _in_rerun_alone(cfg):
+        raise InputError("--camera", "false", "nothing, unless --save is given")
     for flag, given, user, needed in (
         ("--episode", cfg.episode, cfg.dataset, "--dataset"),
         ("--at", cfg.at, cfg.render, "--render"),

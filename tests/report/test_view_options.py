@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from synthetic_logs import fly
+from test_view import make_dataset
 
 from lerobot_spacedock.cli import main
 from lerobot_spacedock.episode_log import write_episode_log
@@ -57,12 +58,24 @@ def test_where_a_log_states_nothing_the_environments_defaults_are_drawn(tmp_path
         ({"fps": 24.0}, {"render": "a.png"}, "--video"),
         ({"speed": 2.0}, {}, "--video"),
         ({"episode": 0}, {"render": "a.png"}, "--dataset"),
+        ({"camera": False}, {"render": "a.png"}, "--save"),
     ],
 )
 def test_a_flag_that_would_do_nothing_is_refused(log_file, tmp_path, drawn_with, option, other, needed):
     other = {name: tmp_path / file for name, file in other.items()}
     with pytest.raises(InputError, match=f"--{next(iter(option))}: got .*nothing, unless {needed} is given"):
         view(ViewConfig(log=log_file, **option, **other))
+
+
+@pytest.mark.parametrize("option", [{"height": 96}, {"width": 128}, {"detail": "high"}, {"renderer": "pyrender"}])
+def test_how_to_draw_is_refused_where_nothing_is_drawn(log_file, tmp_path, drawn_with, monkeypatch, option):
+    monkeypatch.setattr("lerobot_spacedock.report.view.show_episode", lambda log, seen, **_: list(seen))
+    root = make_dataset(tmp_path / "set", fly(3, steps=2), [np.zeros((12, 16, 3), np.uint8)] * 2)
+    for source, why in (({"dataset": root}, "own pictures"), ({"log": log_file, "camera": False}, "camera=false")):
+        with pytest.raises(InputError, match=f"--{next(iter(option))}: got .*nothing.*{why}"):
+            view(ViewConfig(save=tmp_path / "a.rrd", **source, **option))
+        assert view(ViewConfig(save=tmp_path / "a.rrd", render=tmp_path / "a.png", **source, **option)) == 0
+    assert view(ViewConfig(log=log_file, save=tmp_path / "a.rrd", **option)) == 0
 
 
 @pytest.mark.parametrize(
