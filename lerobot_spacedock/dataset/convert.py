@@ -71,8 +71,8 @@ class ConvertConfig:
     # fixed | random | orbit | eclipse: the Sun where pictures are drawn; left out, as the flights state, or fixed
     sun: str | None = None
     storage: Storage = field(default_factory=Storage)
-    # what the dataset says the task is
-    task: str = "dock with the International Space Station"
+    # what the dataset says the task is; left out, what the source says, or "dock with the International Space Station"
+    task: str | None = None
     # s, length of a step where the source has no times (hdf5, npz, minari, lerobot)
     step_s: float = 0.907
     # processes (or tasks at a time) that draw and encode; 0 takes one a core

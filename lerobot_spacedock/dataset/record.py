@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -47,7 +47,10 @@ class Storage:
 
 @dataclass(frozen=True)
 class DatasetLayout:
-    """What every episode of one dataset shares: the arguments of its schema and its storage."""
+    """What every episode of one dataset shares: the arguments of its schema, its storage, and its task.
+
+    Without a task the episodes have those of their source, or ``schema.TASK``.
+    """
 
     repo_id: str
     height: int = 480
@@ -55,7 +58,7 @@ class DatasetLayout:
     with_mass: bool = False
     withhold_pose: bool = False
     image: bool = True
-    task: str = schema.TASK
+    task: str | None = schema.TASK
     storage: Storage = field(default_factory=Storage)
 
     def columns(self) -> dict[str, schema.Column]:
@@ -109,13 +112,16 @@ class DatasetRecorder:
             image_writer_threads=0 if video or not layout.image else 2,
         )
 
-    def add_episode(self, log: EpisodeLog, frames: Iterable[np.ndarray] | None = None) -> None:
+    def add_episode(
+        self, log: EpisodeLog, frames: Iterable[np.ndarray] | None = None, tasks: Sequence[str] | None = None
+    ) -> None:
         """Writes one episode.
 
         Args:
             log: of at least ``MIN_STEPS`` steps.
             frames: uint8 (height, width, 3), one a step, in order; None where the layout has no image. Taken one by
                 one, so that drawing and encoding overlap.
+            tasks: one a step, of the source; the layout's own comes first.
 
         Raises:
             InputError: too few steps, too few frames, or a frame of another size or type.
@@ -128,7 +134,7 @@ class DatasetRecorder:
         try:
             for k in range(log.num_steps):
                 row: dict[str, Any] = {name: values[k] for name, values in rows.items()}
-                row["task"] = self.layout.task
+                row["task"] = self.layout.task if self.layout.task is not None else (tasks[k] if tasks else schema.TASK)
                 if self.layout.image:
                     row[schema.IMAGE] = self._next_frame(source, k)
                 self.dataset.add_frame(row)

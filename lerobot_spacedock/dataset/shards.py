@@ -21,7 +21,7 @@ from lerobot_spacedock.dataset.provenance import episode_row
 from lerobot_spacedock.dataset.record import DatasetRecorder
 from lerobot_spacedock.dataset.segments import Segment, pieces
 from lerobot_spacedock.dataset.source_env import stated_env
-from lerobot_spacedock.dataset.sources import EpisodeRef, LoadedEpisode, load
+from lerobot_spacedock.dataset.sources import FURTHER, EpisodeRef, LoadedEpisode, load
 from lerobot_spacedock.dataset.sources.pictures import resized
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, InputError
@@ -29,8 +29,8 @@ from lerobot_spacedock.files import write_json
 from lerobot_spacedock.metrics.episode import port_of
 
 SUMMARY_FILE = "shard.json"
-# keys of a log's metadata, each a sentence where the source has none
-ASSUMED = ("times", "mass", "rewards", "readings", "chaser")
+# keys of a log's metadata, each a sentence where the source has none, or what there is no place for
+ASSUMED = ("times", "mass", "rewards", "readings", "chaser", FURTHER)
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def _write(
                 recorder = recorder or DatasetRecorder(aside, plan.layout, encoder_threads=encoder_threads)
                 sizes: set[tuple[int, int]] = set()
                 frames = _frames(plan, episode, first, part, artist, progress, sizes)
-                recorder.add_episode(part, frames)
+                recorder.add_episode(part, frames, None if episode.tasks is None else episode.tasks[first:])
                 size = f"{plan.layout.height} × {plan.layout.width}"
                 changed.update(f"{height} × {width} → {size}" for height, width in sizes)
                 rows.append(episode_row(part, source=ref.label, repeat=number))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.dataset as ds
+import pyarrow.parquet as pq
 
 from lerobot_spacedock.dataset import provenance, schema
 from lerobot_spacedock.dataset.episode import log_of_rows
@@ -24,6 +25,7 @@ READ = (
     schema.CONTROL_DT,
     schema.SIM_TIME,
     schema.REWARD,
+    schema.SUCCESS,
     schema.TRUE_STATE,
     schema.EXECUTED_ACTION,
 )
@@ -70,15 +72,30 @@ class DatasetEpisode:
         rows = {name: np.array(table.column(name).to_pylist()) for name in table.column_names}
         time = rows.pop("timestamp").astype(np.float64)
         steps = len(time)
-        if schema.SIM_TIME not in rows:
+        said = {"success": bool(rows.pop(schema.SUCCESS).any())} if schema.SUCCESS in rows else {}
+        if schema.CONTROL_DT in rows:
+            held = rows[schema.CONTROL_DT].astype(np.float64).reshape(steps)
+            rows.setdefault(schema.SIM_TIME, np.cumsum(held) - held)
+        elif schema.SIM_TIME in rows:
+            held = np.diff(rows[schema.SIM_TIME].astype(np.float64).reshape(steps))
+            rows[schema.CONTROL_DT] = np.append(held, held[-1:] if steps > 1 else 1.0)
+        else:
             rows[schema.SIM_TIME] = time - time[0]
-        if schema.CONTROL_DT not in rows:
             rows[schema.CONTROL_DT] = np.full(steps, 1.0 / float(self.info["fps"]))
         kept = provenance.episode_rows(self.root)
         row = kept.row(self.episode) if kept is not None else None
         metadata = json.loads(row["metadata"]) if row else {}
-        metadata = {"label": self.root.name} | metadata
+        metadata = {"label": self.root.name} | said | metadata
         return log_of_rows(rows, terminal_state=provenance.terminal_state(row) if row else None, metadata=metadata)
+
+    def tasks(self) -> list[str]:
+        """What the episode is said to do, one sentence a row."""
+        path = self.root / "meta" / "tasks.parquet"
+        with reading(path, "the tasks of a dataset"):
+            table = pq.read_table(path, partitioning=None)
+            (name,) = (column for column in table.column_names if column != "task_index")  # LeRobot does not name it
+            said = dict(zip(table.column("task_index").to_pylist(), table.column(name).to_pylist(), strict=True))
+            return [str(said[index]) for index in self._rows(["task_index"]).column("task_index").to_pylist()]
 
     def frames(self) -> Iterator[np.ndarray]:
         """uint8 (H, W, 3), one a row; nothing where the dataset has no camera."""
@@ -88,7 +105,7 @@ class DatasetEpisode:
     def _frames(self) -> Iterator[np.ndarray]:
         if not self.cameras:
             return
-        camera = self._camera()
+        camera = self.camera()
         if self.features[camera]["dtype"] == "image":
             for step, cell in enumerate(self._rows([camera]).column(camera).to_pylist()):
                 yield decode_picture(cell["bytes"], f"{self.root}, episode {self.episode}, frame {step}")
@@ -99,7 +116,7 @@ class DatasetEpisode:
     def cameras(self) -> list[str]:
         return [name for name, feature in self.features.items() if feature["dtype"] in ("image", "video")]
 
-    def _camera(self) -> str:
+    def camera(self) -> str:
         """The camera of this schema, or the only one."""
         if schema.IMAGE in self.cameras:
             return schema.IMAGE

@@ -239,6 +239,14 @@ def test_act_style_hdf5(flights, tmp_path, compressed):
     assert report.errors == []
 
 
+def test_a_second_camera_is_said_to_be_left_out(flights, tmp_path, capsys):
+    log, wrist = short(flights[0], 6), np.zeros((7, HEIGHT, WIDTH, 3), dtype=np.uint8)
+    (tmp_path / "h").mkdir()
+    write_hdf5(tmp_path / "h" / "episode_0.hdf5", log, **{"observations/images/wrist": wrist})
+    run(tmp_path / "h", tmp_path / "d", format="hdf5", storage=Storage("image"))
+    assert "further columns of the source left out: images/wrist (1 episodes)" in capsys.readouterr().out
+
+
 def test_an_attitude_that_is_none_is_refused_with_its_state(flights, log_folder, tmp_path):
     path = sorted(log_folder.glob("*.parquet"))[0]
     flight = read_episode_log(path)

@@ -97,3 +97,50 @@ def test_the_state_keeps_what_it_holds_unless_asked_otherwise(log_folder, tmp_pa
         np.testing.assert_array_equal(new.rows["observation.state"], old.rows["observation.state"])
     run(tmp_path / "one", tmp_path / "asked", format="lerobot", with_mass=False, withhold_pose=False)
     assert list(DatasetReader(tmp_path / "asked").features["observation.state"]["shape"]) == [13]
+
+
+def foreign(root, log, *, success: bool, **columns) -> None:
+    """A recording of another tool: two tasks, one a half, and further columns of one value a step."""
+    names = [name for name in STATE_NAMES if name != "mass"]
+    features = {
+        "observation.state": {"dtype": "float32", "shape": (13,), "names": names},
+        "action": {"dtype": "float32", "shape": (6,), "names": None},
+        "next.success": {"dtype": "bool", "shape": (1,), "names": None},
+    } | {name: {"dtype": "float32", "shape": (1,), "names": None} for name in columns}
+    dataset = LeRobotDataset.create("test/foreign", fps=1, features=features, root=root, use_videos=False)
+    seen = np.delete(log.state, 6, axis=1).astype(np.float32)
+    for k in range(log.num_steps):
+        row = {name: values[k : k + 1].astype(np.float32) for name, values in columns.items()}
+        row |= {"observation.state": seen[k], "action": log.action[k].astype(np.float32)}
+        last = np.array([success and k == log.num_steps - 1])
+        dataset.add_frame(row | {"next.success": last, "task": "come near" if 2 * k < log.num_steps else "dock"})
+    dataset.save_episode()
+    dataset.finalize()
+
+
+@pytest.mark.parametrize("success", [True, False])
+def test_what_a_foreign_one_says_of_success_and_tasks_is_kept(flights, tmp_path, success, capsys):
+    """The last frame becomes the terminal state: judged by it alone, what just docked has not."""
+    foreign(tmp_path / "one", short(flights[0], 9), success=success, wind=np.zeros(9))
+    run(tmp_path / "one", tmp_path / "two", format="lerobot", segment="last:6")
+    assert "further columns of the source left out: wind (1 episodes)" in capsys.readouterr().out
+    reader = DatasetReader(tmp_path / "two")
+    (rows,) = [episode.rows for episode in reader.iterate()]
+    assert rows["next.success"].any() == reader.about.column("success")[0] == success
+    again = LeRobotDataset("test/again", root=tmp_path / "two")
+    assert [again[k]["task"] for k in range(6)] == ["come near"] * 3 + ["dock"] * 3
+    run(tmp_path / "two", tmp_path / "asked", format="lerobot", task="fly")
+    assert LeRobotDataset("test/again", root=tmp_path / "asked")[0]["task"] == "fly"
+    assert "further columns" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("kept", ["control_dt", "sim_time"])
+def test_times_come_of_whichever_column_there_is(flights, tmp_path, kept, capsys):
+    log = flights[0]
+    foreign(tmp_path / "one", log, success=True, **{kept: log.dt if kept == "control_dt" else log.time[:-1]})
+    run(tmp_path / "one", tmp_path / "two", format="lerobot")
+    assert "times not in the source" not in capsys.readouterr().out
+    (back,) = logs_of(tmp_path / "two")
+    np.testing.assert_allclose(back.time, log.time[:-1], atol=2e-5)
+    np.testing.assert_allclose(back.dt, log.dt[:-1], atol=2e-5)
+    assert check_dataset(tmp_path / "two").errors == []

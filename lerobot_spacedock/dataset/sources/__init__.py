@@ -29,6 +29,7 @@ FORMATS = {
 NO_REWARDS = "not in the source: 0 stands in their place"
 NO_READINGS = "of the imperfect sensors not in the source: the true state stands in their place"
 NO_CHASER = "that was drawn not in the source: whether states follow from commands cannot be checked"
+FURTHER = "further columns"  # the key of what there is no place for
 BY_STATES = "the IDSS box; the source does not say"
 NO_MASS = "not in the source: the nominal mass stands in its place"
 
@@ -78,10 +79,12 @@ class LoadedEpisode:
         log: states, commands, times.
         frames: ``frames(first)`` yields the stored pictures from step ``first`` on, one a step; None where the source
             has none and they have to be drawn.
+        tasks: what each step is said to do; None where the source does not say.
     """
 
     log: EpisodeLog
     frames: Callable[[int], Iterator[np.ndarray]] | None = None
+    tasks: list[str] | None = None
 
 
 def no_times(step_s: float) -> str:

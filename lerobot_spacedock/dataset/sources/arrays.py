@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from lerobot_spacedock.dataset.sources import NO_MASS, NO_REWARDS, EpisodeRef, LoadedEpisode, no_times
+from lerobot_spacedock.dataset.sources import FURTHER, NO_MASS, NO_REWARDS, EpisodeRef, LoadedEpisode, no_times
 from lerobot_spacedock.dataset.sources.pictures import decode_picture
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, MissingDependencyError, check_size, reading
@@ -47,7 +47,7 @@ def load(ref: EpisodeRef) -> LoadedEpisode:
         dt=arrays.get("dt"),
         reward=arrays.get("reward"),
         step_s=float(ref.option("step_s") or 0.907),
-        metadata={"source": ref.format, "success": arrays.get("success")},
+        metadata={"source": ref.format, "success": arrays.get("success")} | arrays.get("left_out", {}),
     )
     if "images" not in arrays:
         return LoadedEpisode(log)
@@ -136,7 +136,10 @@ def _read_hdf5(file: Path) -> dict[str, Any]:
             arrays["success"] = bool(content.attrs["success"])
         images = content.get("observations/images")
         if images is not None:
-            arrays["images"] = len(_camera(file, images))
+            shown = _camera(file, images)
+            arrays["images"] = len(shown)
+            if others := [name for name in sorted(images) if images[name] != shown]:
+                arrays["left_out"] = {FURTHER: f"of the source left out: images/{', images/'.join(others)}"}
         return arrays
 
 

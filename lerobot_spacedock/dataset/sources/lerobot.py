@@ -16,9 +16,9 @@ import numpy as np
 
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.licence import stated_license
-from lerobot_spacedock.dataset.reader import DatasetReader
-from lerobot_spacedock.dataset.sources import NO_MASS, NO_REWARDS, EpisodeRef, LoadedEpisode, no_times
-from lerobot_spacedock.dataset.stored_episode import DatasetEpisode
+from lerobot_spacedock.dataset.reader import INDEX_COLUMNS, DatasetReader
+from lerobot_spacedock.dataset.sources import FURTHER, NO_MASS, NO_REWARDS, EpisodeRef, LoadedEpisode, no_times
+from lerobot_spacedock.dataset.stored_episode import READ, DatasetEpisode
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import reading
 from lerobot_spacedock.physics.constants import CHASER_MASS_kg
@@ -34,13 +34,16 @@ def list_episodes(path: Path, options: tuple) -> list[EpisodeRef]:
 def load(ref: EpisodeRef) -> LoadedEpisode:
     episode = DatasetEpisode(Path(ref.path), int(ref.key))
     log = _completed(episode.log(), episode.features, float(ref.option("step_s") or 0.907))
+    log = replace(
+        log, metadata={name: log.metadata[name] for name in log.metadata if name != FURTHER} | _left_out(episode)
+    )
     if not episode.cameras:
-        return LoadedEpisode(log)
+        return LoadedEpisode(log, tasks=episode.tasks())
 
     def frames(first: int) -> Iterator[np.ndarray]:
         return islice(episode.frames(), first, log.num_steps)
 
-    return LoadedEpisode(log, frames)
+    return LoadedEpisode(log, frames, episode.tasks())
 
 
 def inherited_facts(path: Path) -> dict[str, Any]:
@@ -58,10 +61,18 @@ def observed_options(path: Path) -> dict[str, bool]:
     return {"with_mass": "mass" in names, "withhold_pose": "x" not in names}
 
 
+def _left_out(episode: DatasetEpisode) -> dict[str, str]:
+    """What a log says of the columns that have no place in the schema: of cameras there is but one."""
+    camera = episode.cameras[0] if len(episode.cameras) == 1 else schema.IMAGE
+    known = {*READ, *INDEX_COLUMNS, schema.DONE, camera}
+    left = [name for name in episode.features if name not in known]
+    return {FURTHER: f"of the source left out: {', '.join(left)}"} if left else {}
+
+
 def _completed(log: EpisodeLog, features: dict[str, Any], step_s: float) -> EpisodeLog:
     """The log with what the dataset has not got, said in its metadata as other sources say it."""
     said, state = {}, log.state
-    if schema.CONTROL_DT not in features:
+    if schema.CONTROL_DT not in features and schema.SIM_TIME not in features:
         said["times"] = no_times(step_s)
         log = replace(log, time=step_s * np.arange(log.num_steps + 1), dt=np.full(log.num_steps, step_s))
     if schema.REWARD not in features:
