@@ -161,7 +161,11 @@ def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
 
     Where the task ends at contact and the plane was not reached, there is no contact: its numbers are ``None``, and the
     episode is outside the boxes. The conditions one by one are then those of the last state.
+
+    Raises:
+        InputError: a step back in time, by which durations, impulses and Δv would be negative.
     """
+    _check_clock(log)
     port = port_of(log.metadata)
     state = state_from_dataset_units(log.state)
     position, velocity = state[:, POSITION], state[:, VELOCITY]
@@ -206,6 +210,13 @@ def episode_metrics(log: EpisodeLog) -> dict[str, float | bool | None]:
     }
     ordered = {name: row[name] for name in NAMES}
     return ordered | {name: _flag(contact.get(name)) for name in (*IDSS_CONDITIONS, *ATV_CONDITIONS)}
+
+
+def _check_clock(log: EpisodeLog) -> None:
+    for name, steps in (("time", np.diff(log.time)), ("dt", log.dt)):
+        back = np.flatnonzero(steps < 0.0)
+        if back.size:
+            raise InputError(name, f"a step of {steps[back[0]]:g} s in row {back[0]}", "steps of 0 s or more")
 
 
 def _met_idss(at_plane: np.ndarray, port: Port, metadata: Mapping[str, Any]) -> bool:

@@ -212,6 +212,18 @@ def test_what_the_log_states_of_its_contact_comes_first():
     assert told["success"] is False
 
 
+@pytest.mark.parametrize("column", ["time", "dt"])
+def test_an_episode_whose_time_runs_back_is_left_out_by_name(tmp_path, column):
+    log = make_log([-3.0, -2.0, -1.0])
+    values = getattr(log, column).copy()
+    values[1] = -0.5
+    write_episode_log(log_path(tmp_path, 1), dataclasses.replace(log, **{column: values}))
+    write_episode_log(log_path(tmp_path, 2), log)
+    sets, (left_out,) = collect([sorted(tmp_path.iterdir())], workers=1)
+    assert sets["unspecified"].names == ["episode_000002.parquet"]
+    assert re.search(rf"{column}: got a step of -\d.* in row \d", left_out.reason)
+
+
 def test_an_episode_of_one_state_has_every_name_and_no_nan():
     numbers = episode_metrics(make_log([-25.0], vy=0.0))
     assert list(numbers)[: len(NAMES)] == list(NAMES)
