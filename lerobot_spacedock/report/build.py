@@ -53,6 +53,8 @@ def load_study(cfg: ReportConfig) -> Study:
     reference = _reference(cfg.reference, labels)
     if cfg.resamples < 100:
         raise InputError("--resamples", cfg.resamples, "100 or more")
+    if cfg.workers is not None and cfg.workers < 1:
+        raise InputError("--workers", cfg.workers, "1 or more")
     files = [[log_files(folder) for folder in spec.folders] for spec in specs]
     records = {
         spec.label: [folder[0].parent / POLICY_FILE for folder in folders]

@@ -342,6 +342,8 @@ def test_mistakes_elsewhere_are_named(logs, tmp_path):
         report(ReportConfig(runs=[f"A={tmp_path / 'never read'}"], out=logs / "expert.json" / "report"))
     with pytest.raises(InputError, match="--resamples"):
         load_study(ReportConfig(runs=runs, resamples=3))
+    with pytest.raises(InputError, match="--workers"):
+        load_study(ReportConfig(runs=runs, workers=0))
 
 
 def test_a_training_folder_of_several_evaluations_is_not_mixed(tmp_path):
