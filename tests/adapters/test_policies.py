@@ -12,6 +12,7 @@ from local_hub import TOKEN, LocalHub
 
 from lerobot_spacedock.adapters import SpaceDockEnvConfig
 from lerobot_spacedock.adapters.command_line import OptionError
+from lerobot_spacedock.env.batch import BatchedSpaceDock
 from lerobot_spacedock.env.config import TaskConfig
 from lerobot_spacedock.errors import FileFormatError, InputError, SpaceDockError
 from lerobot_spacedock.expert.controllers import make_expert
@@ -164,6 +165,21 @@ def test_the_adaptive_experts_are_policy_types_too(expert, policy_type, options)
     named = [torch.from_numpy(law.act(states(3, seed).numpy())) for seed in (0, 1, 2)]
     torch.testing.assert_close(flown, torch.stack(named).float(), rtol=1e-5, atol=1e-5)
     assert not torch.allclose(flown[1:], fly(plain)[1:])  # from the second step on, thrust by the estimate
+
+
+@pytest.mark.parametrize("policy_type", ["spacedock_mpc", "spacedock_feedback"])
+@pytest.mark.parametrize("step_s", [0.6, 1.5])
+def test_the_estimate_counts_on_the_steps_of_the_env_that_the_command_names(policy_type, step_s, monkeypatch):
+    """All of the commanded thrust acts, whatever the length of a step."""
+    monkeypatch.setattr("sys.argv", ["lerobot-eval", "--env.type=spacedock", f"--env.time_step_mean_s={step_s}"])
+    law = build(policy_type, adaptive=True).make_expert(torch.device("cpu"))
+    batch = BatchedSpaceDock(4, TaskConfig(time_step="fixed", time_step_mean_s=step_s))
+    observation = batch.reset(range(4))
+    law.reset(4)
+    for _ in range(10):
+        observation = batch.step(law.act(observation)).observation
+    law.act(observation)
+    np.testing.assert_allclose(law.scale, 1.0, atol=0.02)
 
 
 def test_weights_that_are_missing_are_an_error(tmp_path):

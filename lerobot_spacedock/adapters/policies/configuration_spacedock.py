@@ -117,8 +117,8 @@ class ClassicalConfig(ExpertConfig):
 
     @property
     def step_s(self) -> float:
-        """Expected length of a step."""
-        return Deadline.step_s
+        """s, mean length of a step, which the estimate counts on: the one that the command's env is given, if any."""
+        return float(command_line.env_option("time_step_mean_s") or Deadline.step_s)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -139,7 +139,7 @@ class DeadlineConfig(ClassicalConfig):
 
     @property
     def step_s(self) -> float:
-        return self.deadline_step_s
+        return float(command_line.env_option("time_step_mean_s") or self.deadline_step_s)
 
     def __post_init__(self) -> None:
         super().__post_init__()
