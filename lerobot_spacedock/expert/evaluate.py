@@ -60,7 +60,7 @@ class Flights:
         steps: (N,) steps flown.
         contact: (N,) the port was reached.
         idss: (N,) inside the IDSS box: at contact, or at the last state of the fixed horizon.
-        miss_m: (N,) lateral miss where the task has contact, else the distance to the port at the last state.
+        miss_m: (N,) lateral miss where the port was reached, else the distance to it at the last state.
         speed_m_s: (N,) speed at the last state.
         closing_m_s: (N,) closing speed at the last state.
         lateral_speed_m_s: (N,)
@@ -199,15 +199,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         names = arguments.policies.split(",")
         if arguments.checkpoint and not any(name.startswith("meta_rl") for name in names):
             raise InputError("--checkpoint", arguments.checkpoint, "nothing, unless --policies names a meta_rl")
-        rows = []
-        for name in names:
-            for task in arguments.tasks.split(","):
-                if task not in TASKS:
-                    raise InputError("--tasks", task, ", ".join(TASKS))
-                config = TASKS[task]
-                policy = make_expert(name, config, checkpoint=arguments.checkpoint)
-                flights = fly(policy, config, range(arguments.seed, arguments.seed + arguments.episodes))
-                rows.append((name, task, flights.summary()))
+        tasks = arguments.tasks.split(",")
+        for task in tasks:
+            if task not in TASKS:
+                raise InputError("--tasks", task, ", ".join(TASKS))
+        # all of them before the first flies
+        policies = [
+            (name, task, make_expert(name, TASKS[task], checkpoint=arguments.checkpoint))
+            for name in names
+            for task in tasks
+        ]
+        seeds = range(arguments.seed, arguments.seed + arguments.episodes)
+        rows = [(name, task, fly(policy, TASKS[task], seeds).summary()) for name, task, policy in policies]
     except SpaceDockError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -1,5 +1,8 @@
 """``python -m lerobot_spacedock.expert.evaluate``: its options."""
 
+import pytest
+
+from lerobot_spacedock.expert import evaluate
 from lerobot_spacedock.expert.evaluate import main
 
 
@@ -9,3 +12,19 @@ def test_a_checkpoint_that_no_policy_would_fly_is_refused(capsys):
     said = capsys.readouterr().err
     assert "--checkpoint: got /nonexistent; allowed: nothing, unless --policies names a meta_rl" in said
     assert main(["--policies=W,meta_rl", *options]) == 2
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--tasks=fixed same,typo"],
+        ["--tasks=fixed same", "--policies=W,typo"],
+        ["--tasks=fixed same", "--policies=W,meta_rl", "--checkpoint=/nonexistent"],
+    ],
+)
+def test_what_cannot_be_flown_is_refused_before_anything_is(options, capsys, monkeypatch):
+    flown = []
+    monkeypatch.setattr(evaluate, "fly", lambda *given: flown.append(given))
+    assert main(["--policies=W", "--episodes=1", *options]) == 2
+    assert capsys.readouterr().err.startswith("error: ")
+    assert flown == []
