@@ -248,7 +248,8 @@ def _pack_task(config: TaskConfig) -> Task:
         step_std=config.time_step_std_s,
         step_min=config.time_step_min_s,
         step_max=config.time_step_max_s,
-        limits=np.array([config.thrust_limit_N] * 3 + [config.torque_limit_Nm] * 3),
+        # in single precision, as the action space holds them: what is inside it is not clipped
+        limits=np.float64(np.float32([config.thrust_limit_N] * 3 + [config.torque_limit_Nm] * 3)),
         corridor=config.corridor.enabled,
         corridor_tangent=math.tan(math.radians(config.corridor.half_angle_deg)),
         corridor_mouth=config.corridor.mouth_radius_m,

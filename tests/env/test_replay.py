@@ -56,6 +56,15 @@ def test_clipping_is_counted_not_silent(tmp_path):
     assert log.action[1, 4] == -20.0
 
 
+def test_the_largest_action_of_the_space_is_not_clipped():
+    env = make(thrust_limit_N=33.4, torque_limit_Nm=0.1)  # both a little larger in single precision
+    env.reset(seed=1)
+    *_, info = env.step(env.action_space.high)
+    assert info["clipped_actions"] == 0
+    *_, info = env.step(np.nextafter(env.action_space.high, np.float32(np.inf)))
+    assert info["clipped_actions"] == 1
+
+
 @pytest.mark.parametrize(
     ("action", "message"),
     [
