@@ -41,7 +41,7 @@ def check_episode(reader: DatasetReader, episode: Episode, position: int, report
         report: to add to.
         seen: {digest: episode} of those before; this one is added.
     """
-    rows, steps = episode.rows, len(episode.rows["index"])
+    rows, steps, before = episode.rows, len(episode.rows["index"]), report.frames
     problems = Problems(report, f"episode {episode.index}")
     report.episodes, report.frames = report.episodes + 1, report.frames + steps
     report.checks["episode"] += 1
@@ -51,6 +51,7 @@ def check_episode(reader: DatasetReader, episode: Episode, position: int, report
         problems.error(f"has {steps} frame; at least {MIN_STEPS} are needed")
     if not problems.all_rows(rows["frame_index"][:, 0] == np.arange(steps), "frame_index does not count from 0"):
         return
+    problems.all_rows(rows["index"][:, 0] == before + np.arange(steps), "index does not count the dataset's frames")
     expected = np.arange(steps) / reader.info["fps"]
     problems.all_rows(
         np.abs(rows["timestamp"][:, 0] - expected) < TIME_TOLERANCE_s, "timestamp is not frame_index / fps"

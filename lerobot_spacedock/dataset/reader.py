@@ -70,7 +70,7 @@ class DatasetReader:
             self.features: dict[str, dict[str, Any]] = dict(self.info.get("features", {}))
             self.facts = read_dataset_facts(root)
             self.about = episode_rows(root)
-            self.files, self.lengths = self._read_lengths()
+            self._list_episodes()
 
     @property
     def has_pose(self) -> bool:
@@ -91,6 +91,16 @@ class DatasetReader:
             if index in indices:
                 return first_row(path, index, leave_out="stats/") or {}
         raise FileFormatError(f"{self.root / 'meta' / 'episodes'}: episode {index} is not listed.")
+
+    def listed_of_all(self, name: str) -> np.ndarray:
+        """One value an episode of ``meta/episodes``, in the order of the episodes.
+
+        Raises:
+            FileFormatError: there is no such column.
+        """
+        none = np.zeros(0, dtype=np.int64)
+        order = np.argsort(np.concatenate([none, *self.files.values()]), kind="stable")
+        return np.concatenate([none, *(self._listed_column(path, name) for path in self.files)])[order]
 
     def iterate(self) -> Iterator[Episode]:
         """The episodes in order, one at a time, cut where ``episode_index`` changes.
@@ -122,19 +132,18 @@ class DatasetReader:
         if current is not None:
             yield _episode(self.root, current, held, about)
 
-    def _read_lengths(self) -> tuple[dict[Path, np.ndarray], np.ndarray]:
+    def _list_episodes(self) -> None:
         """The indices in each file of ``meta/episodes``; and the lengths in the order of the episodes."""
-        files: dict[Path, np.ndarray] = {}
-        lengths = [np.zeros(0, dtype=np.int64)]
-        for path in sorted((self.root / "meta" / "episodes").glob("chunk-*/file-*.parquet")):
-            try:
-                table = pq.read_table(path, columns=["episode_index", "length"], partitioning=None)
-            except (pa.ArrowException, OSError) as error:
-                raise FileFormatError(f"{path}: not a readable Parquet file ({error}).") from error
-            files[path] = table.column("episode_index").to_numpy()
-            lengths.append(table.column("length").to_numpy())
-        order = np.argsort(np.concatenate([np.zeros(0, dtype=np.int64), *files.values()]), kind="stable")
-        return files, np.concatenate(lengths)[order]
+        paths = sorted((self.root / "meta" / "episodes").glob("chunk-*/file-*.parquet"))
+        self.files: dict[Path, np.ndarray] = {path: self._listed_column(path, "episode_index") for path in paths}
+        self.lengths = self.listed_of_all("length")
+
+    @staticmethod
+    def _listed_column(path: Path, name: str) -> np.ndarray:
+        try:
+            return pq.read_table(path, columns=[name], partitioning=None).column(name).to_numpy()
+        except (pa.ArrowException, OSError, KeyError) as error:
+            raise FileFormatError(f"{path}: not a readable Parquet file with {name!r} ({error}).") from error
 
 
 class _Cursor:

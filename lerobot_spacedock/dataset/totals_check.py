@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.findings import Report, component, more
@@ -19,20 +20,28 @@ NO_SPREAD = 1e-7  # of a channel's size: below it, normalised values are roundin
 
 @dataclass
 class Totals:
-    """Sums over the episodes that statistics are compared with: count, mean and deviations, in float64."""
+    """What sizes and statistics are compared with: lengths; of each column mean, spread and extremes, in float64."""
 
     count: int = 0
+    lengths: list[int] = field(default_factory=list)
+    last_task: int = -1
+    least: dict[str, np.ndarray] = field(default_factory=dict)
+    most: dict[str, np.ndarray] = field(default_factory=dict)
     first: dict[str, np.ndarray] = field(default_factory=dict)
     total: dict[str, np.ndarray] = field(default_factory=dict)
     squares: dict[str, np.ndarray] = field(default_factory=dict)
 
     def add(self, episode: Episode) -> None:
         self.count += len(episode.rows["index"])
+        self.lengths.append(len(episode.rows["index"]))
+        self.last_task = max(self.last_task, int(episode.rows["task_index"].max()))
         for name, values in episode.rows.items():
             if values.dtype.kind != "f":
                 continue
             values = values.astype(np.float64)
             first = self.first.setdefault(name, values[0])
+            self.least[name] = np.minimum(self.least.get(name, first), values.min(axis=0))
+            self.most[name] = np.maximum(self.most.get(name, first), values.max(axis=0))
             deviation = values - first
             self.total[name] = self.total.get(name, 0.0) + deviation.sum(axis=0)
             self.squares[name] = self.squares.get(name, 0.0) + (deviation**2).sum(axis=0)
@@ -54,6 +63,7 @@ def check_totals(reader: DatasetReader, totals: Totals, report: Report) -> None:
         report.errors.append(f"meta/episodes: {len(reader.lengths)} episodes, the data hold {report.episodes}.")
     if reader.lengths.sum() != report.frames:
         report.errors.append(f"meta/episodes: {reader.lengths.sum()} frames, the data hold {report.frames}.")
+    _check_places(reader, totals, report)
     if reader.about is not None and len(reader.about) != report.episodes:
         report.errors.append(
             f"meta/spacedock_episodes.parquet: {len(reader.about)} rows for {report.episodes} episodes."
@@ -77,8 +87,28 @@ def check_totals(reader: DatasetReader, totals: Totals, report: Report) -> None:
         )
 
 
+def _check_places(reader: DatasetReader, totals: Totals, report: Report) -> None:
+    """Compares where ``meta/episodes`` says that each episode lies, which LeRobot goes by, with the data."""
+    ends = np.cumsum(totals.lengths, dtype=np.int64)
+    if len(reader.lengths) == len(ends):
+        for name, said, true in (
+            ("length", reader.lengths, np.array(totals.lengths)),
+            ("dataset_from_index", reader.listed_of_all("dataset_from_index"), ends - totals.lengths),
+            ("dataset_to_index", reader.listed_of_all("dataset_to_index"), ends),
+        ):
+            bad = np.flatnonzero(said != true)
+            if bad.size:
+                where, given = f"meta/episodes, episode {bad[0]}", f"{name} is {said[bad[0]]}"
+                report.errors.append(f"{where}: {given}, the data give {true[bad[0]]}{more(bad)}.")
+    path = reader.root / "meta" / "tasks.parquet"
+    with reading(path, "the tasks of a dataset"):
+        tasks = pq.read_metadata(path).num_rows if path.exists() else 0
+    if totals.last_task >= tasks:
+        report.errors.append(f"meta/tasks.parquet: {tasks} tasks, the data name task_index {totals.last_task}.")
+
+
 def check_statistics(reader: DatasetReader, totals: Totals, report: Report) -> None:
-    """Compares mean and standard deviation in ``meta/stats.json`` with the data's, and looks for flat channels."""
+    """Compares ``meta/stats.json``, quantiles apart, with the data; looks for what it leaves out and flat channels."""
     path = reader.root / "meta" / "stats.json"
     if not path.exists():
         report.errors.append("meta/stats.json: missing.")
@@ -88,14 +118,18 @@ def check_statistics(reader: DatasetReader, totals: Totals, report: Report) -> N
 
 
 def _compare(reader: DatasetReader, totals: Totals, stats: dict[str, Any], report: Report) -> None:
+    for name in (schema.STATE, schema.ACTION, *reader.cameras):
+        if totals.count and name not in stats:
+            report.errors.append(f"meta/stats.json: nothing on {name!r}, by which lerobot-train normalises.")
+    known = ("mean", "std", "min", "max")
     for name in totals.first:
         if name == "timestamp" or name not in stats:
             continue
         report.checks["statistics"] += 1
         spread, mean = totals.std(name), totals.mean(name)
         scale = np.maximum(spread, np.finfo(np.float32).eps * np.maximum(np.abs(mean), 1e-12))
-        written = {key: np.asarray(stats[name][key], dtype=np.float64).reshape(-1) for key in ("mean", "std")}
-        for key, true in (("mean", mean), ("std", spread)):
+        written = {key: np.asarray(stats[name][key], dtype=np.float64).reshape(-1) for key in known}
+        for key, true in zip(known, (mean, spread, totals.least[name], totals.most[name]), strict=True):
             bad = np.flatnonzero(np.abs(written[key] - true) > STATISTICS_TOLERANCE * scale + 1e-12)
             if bad.size:
                 which = component(reader.features[name], name, bad[0])

@@ -51,6 +51,14 @@ def edit_json(root, name: str, change) -> None:
     path.write_text(json.dumps(content))
 
 
+def edit_listed(root, column: str, more: list[int]) -> None:
+    """Adds to a column of ``meta/episodes``."""
+    path = root / "meta" / "episodes" / "chunk-000" / "file-000.parquet"
+    table = pq.read_table(path)
+    values = pa.array(np.array(table.column(column).to_pylist()) + more)
+    pq.write_table(table.set_column(table.column_names.index(column), column, values), path)
+
+
 def put(row: int, column: int, value: float):
     def change(values):
         values[row, column] = value
@@ -98,6 +106,32 @@ DAMAGE = {
     "std of the mass": (
         lambda r: edit_json(r, "stats.json", lambda s: s["true_state"]["std"].__setitem__(6, 0.7)),
         r"std of true_state\[mass\] is 0\.7",
+    ),
+    "least": (
+        lambda r: edit_json(r, "stats.json", lambda s: s["action"]["min"].__setitem__(2, -1e-3)),
+        r"min of action\[Tz\] is -0\.001",
+    ),
+    "most": (
+        lambda r: edit_json(r, "stats.json", lambda s: s["observation.state"]["max"].__setitem__(1, 9.0)),
+        r"max of observation\.state\[y\] is 9",
+    ),
+    "no statistics": (
+        lambda r: edit_json(r, "stats.json", lambda s: s.pop("action")),
+        r"stats\.json: nothing on 'action'",
+    ),
+    "index": (lambda r: edit(r, "index", put(7, 0, 70)), "episode 0, frame 7: index does not count"),
+    "task": (lambda r: edit(r, "task_index", put(7, 0, 1)), r"tasks\.parquet: 1 tasks, the data name task_index 1"),
+    "lengths": (
+        lambda r: edit_listed(r, "length", [1, -1, 0, 0, 0]),
+        r"meta/episodes, episode 0: length is \d+, the data give \d+ \(and 1 more\)",
+    ),
+    "where it begins": (
+        lambda r: edit_listed(r, "dataset_from_index", [0, 0, 3, 0, 0]),
+        "meta/episodes, episode 2: dataset_from_index is",
+    ),
+    "where it ends": (
+        lambda r: edit_listed(r, "dataset_to_index", [0, 0, 0, 0, 1]),
+        "meta/episodes, episode 4: dataset_to_index is",
     ),
     "frames": (lambda r: edit_json(r, "info.json", lambda i: i.update(total_frames=1)), "total_frames is 1"),
     "shape": (
@@ -191,3 +225,13 @@ def test_pictures_are_drawn_again_and_a_shifted_one_is_found(flights, tmp_path, 
     edit(root, "true_state", lambda values: np.roll(values, 1, axis=0))
     found = check_dataset(root, sample_frames=8).errors
     assert any("shows a neighbouring state" in error for error in found)
+
+
+def test_pictures_without_statistics_are_found(raw_export, tmp_path):
+    """As LeRobot's conversion of pictures to video leaves them; lerobot-train stops at it."""
+    root = tmp_path / "d"
+    options = {"format": "raw", "num_workers": 1, "storage": Storage("image")}
+    convert(ConvertConfig(str(raw_export), "test/pictures", root=str(root), **options))
+    assert check_dataset(root).errors == []
+    edit_json(root, "stats.json", lambda stats: stats.pop("observation.images.camera"))
+    assert any("nothing on 'observation.images.camera'" in error for error in check_dataset(root).errors)
