@@ -10,6 +10,7 @@ from lerobot_spacedock.metrics.catalog import BY_NAME
 from lerobot_spacedock.metrics.collect import EpisodeSet
 from lerobot_spacedock.metrics.paired import holm, match_starts, mcnemar, pair_means, spread_over_seeds, wilcoxon
 from lerobot_spacedock.metrics.statistics import (
+    Test,
     bootstrap,
     cliffs_delta,
     hedges_g,
@@ -91,7 +92,7 @@ def matched_table(study: Study) -> Table:
     """Paired tests, where two runs flew the same starts for the same task."""
     head = ("set", "pair", "pairs", "metric", "median difference", "test", "statistic", "p", "p, Holm")
     drafts: list[tuple[list[Cell | str], float | None]] = []
-    notes = []
+    notes, remarks = [], []
     for conditions in study.conditions():
         for (run_a, a), (run_b, b) in combinations(study.flown(conditions), 2):
             pair = f"{run_a.label} − {run_b.label}"
@@ -102,10 +103,16 @@ def matched_table(study: Study) -> Table:
                 notes.append(f"{pair}, {conditions}: no paired test. {reason}")
                 continue
             for name in (*COMPARED, "idss"):
-                drafts.append(_paired_row(conditions, pair, name, a, in_a, b, in_b, shared))
+                row, test = _paired_row(conditions, pair, name, a, in_a, b, in_b, shared)
+                drafts.append((row, test.p))
+                if test.note and not test.name.startswith("McNemar"):  # whose note stands in the row
+                    remarks.append(f"{pair}, {conditions}, {_named(name)}: {test.note}.")
     adjusted = holm([p for _, p in drafts])
     rows = tuple((*row, p_value(p), p_value(q)) for (row, p), q in zip(drafts, adjusted, strict=True))
     notes.append("Where several episodes of a run began in one state (training seeds), a pair takes their mean.")
+    if rows:
+        notes.append("Holm: over all tests of this table.")
+    notes += remarks
     return Table("matched", "Paired tests on matched starts", head, rows, tuple(notes), 2)
 
 
@@ -156,7 +163,7 @@ def _paired_row(
     b: EpisodeSet,
     in_b: np.ndarray,
     shared: np.ndarray,
-) -> tuple[list[Cell | str], float | None]:
+) -> tuple[list[Cell | str], Test]:
     x, y = pair_means(a.columns[name], in_a, shared), pair_means(b.columns[name], in_b, shared)
     both = ~(np.isnan(x) | np.isnan(y))
     x, y = x[both], y[both]
@@ -164,7 +171,7 @@ def _paired_row(
     test = mcnemar(x > 0.5, y > 0.5) if binary else wilcoxon(x, y)
     difference = number(float(np.median(x - y))) if len(x) and not binary else Cell(test.note if binary else DASH, None)
     row: list[Cell | str] = [conditions, pair, integer(len(x)), _named(name), difference, test.name]
-    return [*row, number(test.statistic, 1)], test.p
+    return [*row, number(test.statistic, 1)], test
 
 
 def _by_seed(episodes: EpisodeSet, name: str, seeds: np.ndarray) -> list[np.ndarray]:

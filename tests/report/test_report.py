@@ -266,6 +266,16 @@ def test_starts_that_do_not_match_get_no_paired_test(tmp_path):
     assert "3 of 6 episodes of A" in table.notes[0]
 
 
+def test_a_paired_test_that_is_not_defined_says_why_below_its_table(tmp_path):
+    for name, jitter in (("a", 1.0), ("b", 2.0)):
+        write_run(tmp_path / name, range(4), jitter=jitter, steps=1)
+    table = matched_table(load_study(ReportConfig(runs=[f"A={tmp_path / 'a'}", f"B={tmp_path / 'b'}"])))
+    (undefined,) = [cells for cells in table.rows if "‖Δa‖ (Eq. 4) (N, N·m mixed)" in cells]
+    assert undefined[table.head.index("p")].text == "–"
+    assert "A − B, same, ‖Δa‖ (Eq. 4) (N, N·m mixed): no pair." in table.notes
+    assert "Holm: over all tests of this table." in table.notes
+
+
 def test_training_seeds_are_pooled_and_their_spread_is_over_seeds(tmp_path):
     for k in range(3):
         write_run(tmp_path / f"s{k}", range(4), jitter=1.0 + k)
