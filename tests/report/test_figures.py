@@ -1,5 +1,6 @@
 """Figures: every word lies whole in its panel, axes can be read, and one episode is enough to be seen."""
 
+import dataclasses
 from itertools import pairwise
 
 import pytest
@@ -10,6 +11,7 @@ from synthetic_logs import write_run
 
 from lerobot_spacedock.report.build import ReportConfig, load_study
 from lerobot_spacedock.report.figures.docking_figures import error_figure
+from lerobot_spacedock.report.figures.paper_figures import figure4
 from lerobot_spacedock.report.figures.style import _canvas, plain_log, styled
 from lerobot_spacedock.report.write import make_figures
 
@@ -47,6 +49,14 @@ def test_no_word_is_cut_off(study):
                 for word, box in drawn(canvas):
                     inside = box.x0 > -1 and box.y0 > -1 and box.x1 < canvas.bbox.x1 + 1 and box.y1 < canvas.bbox.y1 + 1
                     assert inside, (figure.key, panel.title, word)
+
+
+def test_the_curves_of_smoothness_come_down_within_the_axes(study):
+    figure = figure4(dataclasses.replace(study, runs=study.runs[:1]), "same")
+    axes = _canvas(figure, figure.panels, 1).axes[0]
+    (curve,) = [line for line in axes.lines if line.get_label() == LONG]
+    density = curve.get_ydata()
+    assert max(density[0], density[-1]) < 0.02 * max(density)
 
 
 def test_one_episode_shows_in_the_cumulative_shares(study):

@@ -50,7 +50,8 @@ def figure4(study: Study, conditions: str) -> Figure:
     def draw(ax: Axes) -> None:
         top = max((float(v.max()) for _, v in flown if len(v)), default=1.0)
         low = min((float(v.min()) for _, v in flown if len(v)), default=0.0)
-        pad = 0.06 * max(top - low, 0.1)
+        widths = [float(v.std(ddof=1)) * len(v) ** -0.2 for _, v in flown if len(v) > 1]  # Scott's, of each kernel
+        pad = max(0.06 * max(top - low, 0.1), 3.0 * max(widths, default=0.0))  # the curves come down within the axes
         grid = np.linspace(max(0.0, low - pad), top + pad, 400)
         for run, values in flown:
             style = run_style(study.colour(run))
