@@ -83,7 +83,7 @@ class SpaceDockEnvConfig(EnvConfig):
     sun: str = "fixed"
     # a mesh file (glb, obj, ...) to show in place of the built-in station
     station_mesh: str | None = None
-    # 16 numbers, row by row: 4x4 transform of that mesh's coordinates (m) into Hill axes at the port
+    # 16 numbers in brackets, row by row: 4x4 transform of that mesh's coordinates (m) into Hill axes at the port
     station_pose: tuple[float, ...] | None = None
     # zvezda_aft | harmony_forward
     port: str = "zvezda_aft"

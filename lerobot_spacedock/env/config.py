@@ -117,7 +117,7 @@ class SpaceDockConfig(TaskConfig):
     sun: str = "fixed"
     # a mesh file (glb, obj, …) to show in place of the built-in station
     station_mesh: str | None = None
-    # 16 numbers, row by row: 4×4 transform of that mesh's coordinates (m) into Hill axes at the port
+    # 16 numbers in brackets, row by row: 4×4 transform of that mesh's coordinates (m) into Hill axes at the port
     station_pose: tuple[float, ...] | None = None
     # folder into which each finished episode is written as a log; none are written without it
     log_dir: str | None = None

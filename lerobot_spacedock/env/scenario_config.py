@@ -66,9 +66,9 @@ class MetaRanges:
     inertia_fraction: float = 0.2
     # ± kg·m², each product of inertia: about a hundredth of the moments
     inertia_product_kg_m2: float = 7.0
-    # (least, most) executed over commanded thrust, per axis: thrusters lose more than they gain
+    # [least,most] in brackets: executed over commanded thrust, per axis; thrusters lose more than they gain
     thrust_scale: tuple[float, float] = (0.85, 1.05)
-    # (least, most) executed over commanded torque, per axis
+    # [least,most] in brackets: executed over commanded torque, per axis
     torque_scale: tuple[float, float] = (0.85, 1.05)
     # deg, standard deviation of the thrust frame's misalignment about each axis: mounting tolerance
     thrust_misalignment_deg: float = 1.0
