@@ -14,6 +14,7 @@ from lerobot_spacedock.dataset.residuals import TOLERANCES, best_coupling, resid
 from lerobot_spacedock.dataset.segments import MIN_STEPS
 from lerobot_spacedock.dataset.sources import NO_CHASER
 from lerobot_spacedock.env.start import MAX_QUATERNION_ERROR
+from lerobot_spacedock.episode_log import OBSERVED
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.metrics.episode import limits_of
 from lerobot_spacedock.physics.frames import (
@@ -134,7 +135,8 @@ def _check_dynamics(reader: DatasetReader, episode: Episode, problems: Problems)
     if log.num_steps < 1:
         return
     env = log.metadata.get("config") or reader.facts.get("env") or {}
-    if isinstance(env, dict) and env.get("dynamics") == "meta" and "dynamics" not in log.metadata:
+    varied = isinstance(env, dict) and env.get("dynamics") == "meta"  # or, where nothing says, as the sensors show
+    if "dynamics" not in log.metadata and (varied or any(name.startswith(OBSERVED) for name in log.extra)):
         problems.note_once(f"the chaser {NO_CHASER}.")
         return
     unsure = "times" in log.metadata

@@ -56,6 +56,8 @@ class Totals:
 def check_totals(reader: DatasetReader, totals: Totals, report: Report) -> None:
     """Compares the sizes that the metadata state with those of the data."""
     report.checks["totals"] += 1
+    if not report.episodes and not reader.lengths.size:
+        report.errors.append("no episode: there is nothing to learn from.")
     for name, found in (("total_episodes", report.episodes), ("total_frames", report.frames)):
         if reader.info.get(name) != found:
             report.errors.append(f"meta/info.json: {name} is {reader.info.get(name)}, the data hold {found}.")
@@ -100,6 +102,14 @@ def _check_places(reader: DatasetReader, totals: Totals, report: Report) -> None
             if bad.size:
                 where, given = f"meta/episodes, episode {bad[0]}", f"{name} is {said[bad[0]]}"
                 report.errors.append(f"{where}: {given}, the data give {true[bad[0]]}{more(bad)}.")
+        for camera in reader.cameras:
+            if reader.features[camera]["dtype"] == "video":
+                edges = (reader.listed_of_all(f"videos/{camera}/{edge}_timestamp") for edge in ("to", "from"))
+                shown = np.rint(np.subtract(*edges) * reader.info["fps"]).astype(int)
+                bad = np.flatnonzero(shown != totals.lengths)
+                if bad.size:
+                    given = f"{shown[bad[0]]} frames of {camera} for {totals.lengths[bad[0]]} rows"
+                    report.errors.append(f"meta/episodes, episode {bad[0]}: {given}{more(bad)}.")
     path = reader.root / "meta" / "tasks.parquet"
     with reading(path, "the tasks of a dataset"):
         tasks = pq.read_metadata(path).num_rows if path.exists() else 0

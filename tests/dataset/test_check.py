@@ -8,13 +8,16 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from dataset_samples import HEIGHT, WIDTH
+from dataset_samples import HEIGHT, WIDTH, fly_some
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
 from lerobot_spacedock.camera import CameraConfig
+from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.check import CheckConfig, check
 from lerobot_spacedock.dataset.convert import ConvertConfig, convert
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.record import Storage
+from lerobot_spacedock.episode_log import write_episode_log
 from lerobot_spacedock.errors import InputError
 
 
@@ -225,6 +228,36 @@ def test_pictures_are_drawn_again_and_a_shifted_one_is_found(flights, tmp_path, 
     edit(root, "true_state", lambda values: np.roll(values, 1, axis=0))
     found = check_dataset(root, sample_frames=8).errors
     assert any("shows a neighbouring state" in error for error in found)
+
+
+def test_an_empty_dataset_is_said_to_be_one(tmp_path):
+    features = schema.features(image=False)
+    LeRobotDataset.create("test/empty", fps=1, features=features, root=tmp_path / "d", use_videos=False).finalize()
+    assert check_dataset(tmp_path / "d").errors[0].startswith("no episode")
+
+
+def test_a_video_that_is_shorter_than_its_episode_is_found(raw_export, tmp_path):
+    """As an encoder that drops frames leaves it, and LeRobot without a word."""
+    root = tmp_path / "d"
+    convert(ConvertConfig(str(raw_export), "test/video", root=str(root), format="raw", num_workers=1))
+    assert check_dataset(root).errors == []
+    edit_listed(root, "videos/observation.images.camera/to_timestamp", [0, -1])
+    error = "meta/episodes, episode 1: 5 frames of observation.images.camera for 6 rows."
+    assert error in check_dataset(root, sample_frames=0).errors
+
+
+def test_drawn_chasers_that_a_tool_has_dropped_are_not_held_against_the_data(tmp_path):
+    """LeRobot's own tools keep neither of the files that say how a dataset was made."""
+    log = fly_some([1], env_id="SpaceDockMeta-v0")[0]
+    write_episode_log(tmp_path / "logs" / "episode_000001.parquet", log)
+    root = tmp_path / "d"
+    convert(ConvertConfig(str(tmp_path / "logs"), "test/meta", root=str(root), images="none", num_workers=1))
+    assert check_dataset(root).checks["dynamics"] == 1
+    for name in ("spacedock.json", "spacedock_episodes.parquet"):
+        (root / "meta" / name).unlink()
+    report = check_dataset(root)
+    assert (report.errors, report.checks["dynamics"]) == ([], 0)
+    assert any("chaser that was drawn" in note for note in report.notes)
 
 
 def test_pictures_without_statistics_are_found(raw_export, tmp_path):
