@@ -142,6 +142,8 @@ def _write(
                 if recorder is not None:
                     recorder.discard_episode()
                     recorder.close()
+                if isinstance(error, InputError) and not error.what.startswith("--"):
+                    raise FileFormatError(f"{ref.name}: {error}") from error
                 raise
             if recorder is not None:
                 recorder.discard_episode()

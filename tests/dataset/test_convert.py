@@ -259,6 +259,14 @@ def test_an_attitude_that_is_none_is_refused_with_its_state(flights, log_folder,
     assert not (tmp_path / "d").exists()
 
 
+def test_an_episode_that_is_too_short_is_named(flights, tmp_path):
+    for number, steps in enumerate((9, 1)):
+        write_episode_log(tmp_path / "logs" / f"episode_{number}.parquet", short(flights[0], steps))
+    with pytest.raises(FileFormatError, match=r"episode_1\.parquet: episode: got 1 steps; allowed: at least 2 steps"):
+        run(tmp_path / "logs", tmp_path / "d", images="none")
+    assert not (tmp_path / "d").exists()
+
+
 def test_hdf5_of_objects_is_refused_unread(flights, tmp_path):
     (tmp_path / "h").mkdir()
     objects = np.array([pickle.dumps("x").hex()] * 7, dtype=object)
