@@ -11,7 +11,7 @@ import numpy as np
 
 from lerobot_spacedock.dataset.card import CITATION, write_own
 from lerobot_spacedock.dataset.env_flags import cameras_of, env_flags
-from lerobot_spacedock.episode_log import POLICY_FILE
+from lerobot_spacedock.episode_log import POLICY_FILE, SURPLUS_FOLDER
 from lerobot_spacedock.errors import InputError, reading
 from lerobot_spacedock.files import read_object
 from lerobot_spacedock.metrics.collect import measured
@@ -114,7 +114,11 @@ def _results(log_dir: str | None) -> tuple[dict[str, Any] | None, str]:
     rows: dict[tuple[str, str], list[dict[str, Any]]] = {}
     flown: Counter[str] = Counter()
     for path in sorted(Path(log_dir).rglob("episode_*.parquet")):
+        if path.parent.name == SURPLUS_FOLDER:
+            continue
         log, metrics = measured(path)
+        if log.metadata.get("surplus"):
+            continue
         key = (str(log.metadata.get("env_id")), str(log.metadata.get("initial_conditions")))
         stated = {name: log.metadata.get(name) for name in ("outcome", "seed")}
         env = {"env_id": log.metadata.get("env_id")} | (log.metadata.get("config") or {})
@@ -138,7 +142,10 @@ def _results(log_dir: str | None) -> tuple[dict[str, Any] | None, str]:
             f"{np.percentile(distance, 95):.3f} | {speed.mean():.3f} | {outcomes} |"
         )
     seeds = [episode["seed"] for episodes in rows.values() for episode in episodes if episode["seed"] is not None]
-    lines += ["", "Docked: inside the IDSS box. Every episode counts; intervals are Clopper and Pearson's."]
+    lines += [
+        "",
+        "Docked: inside the IDSS box. Every episode counts; intervals are Clopper and Pearson's.",
+    ]
     if seeds:
         lines.append(f"Seeds {min(seeds)} to {max(seeds)}." if len(seeds) > 1 else f"Seed {seeds[0]}.")
     commands = _evaluations(Path(log_dir))

@@ -171,7 +171,9 @@ def _tags(config: PushConfig, tagged: set[str]) -> list[str]:
 
 def _next(config: PushConfig, folder: Path) -> str:
     if config.kind == "dataset":
-        return " ".join(train_command(DatasetReader(folder), config.repo_id))
+        command = " ".join(train_command(DatasetReader(folder), config.repo_id))
+        on_main = config.branch in (None, "main") or not command.startswith("lerobot-train")
+        return command if on_main else f"{command} --dataset.revision={config.branch}"
     if config.kind == "policy":
         return " ".join([*evaluation_command(folder, config.repo_id), "…"])
     return f'lerobot.envs.factory.make_env("{config.repo_id}", trust_remote_code=True)'

@@ -98,7 +98,9 @@ def test_what_everybody_loads_stays_when_a_branch_is_pushed(hub, dataset, capsys
     before = dict(repository.tags)
     send(dataset, branch="wip", tags=["other"])
     assert repository.tags == before
-    assert "--dataset.revision=wip" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "to load this: --dataset.revision=wip" in shown
+    assert "--dataset.revision=wip" in shown[shown.index("Next: lerobot-train") :]
     sent = len(repository.commits)
     with pytest.raises(InputError, match=r"v1\.0, which is set already"):
         send(dataset, branch="wip", tags=["again"], revision_tag="v1.0")
@@ -189,7 +191,9 @@ def test_a_policy_goes_with_its_measured_results(hub, flights, log_folder, tmp_p
     (folder / "config.json").write_text(json.dumps({"type": "act", "chunk_size": 5, "input_features": {}}))
     (folder / "train_config.json").write_text(json.dumps({"steps": 7, "dataset": {"repo_id": REPO}}))
     (folder / "model.safetensors").write_bytes(b"weights")
-    push(PushConfig("test/act", kind="policy", root=str(folder), log_dir=str(log_folder)))
+    logs = shutil.copytree(log_folder, tmp_path / "logs")
+    shutil.copytree(log_folder, logs / "surplus")  # of the last vector batch: nobody asked for them
+    push(PushConfig("test/act", kind="policy", root=str(folder), log_dir=str(logs)))
     files = hub.repositories[("model", "test/act")].files()
     docked = sum(log.metadata["success"] for log in flights)
     assert f"| 5 | {docked} of 5, {docked / 5:.1%} [".encode() in files["README.md"]
