@@ -85,6 +85,13 @@ def test_each_outcome(case, outcome):
     assert info["is_success"] == (outcome == "docked")
 
 
+@pytest.mark.parametrize("limit", [{"steps": [4.0]}, {"max_steps": 1, "time_step": "fixed", "time_step_mean_s": 4.0}])
+def test_contact_in_the_last_step_is_contact_and_no_timeout(limit):
+    _, terminated, truncated, info = flight((0, -0.2, 0), (0, 0.07, 0), **limit)
+    assert (terminated, truncated, info["outcome"]) == (True, False, "docked")
+    assert info["time_s"] == pytest.approx(0.2 / 0.07, abs=0.01)
+
+
 TAN_10_deg = 0.17632698
 OPEN = {"corridor": {"enabled": False}}
 IN = {"velocity": (0, 0.07, 0)}  # through the plane in the first step
