@@ -251,7 +251,8 @@ def _select(
     keep = config.num_episodes or len(found)
     if keep > len(found):
         raise InputError("--num_episodes", keep, f"at most {len(found)}, which is all that {config.source} holds")
-    if config.select == "first" and not config.successes_first:
+    as_they_come = config.select == "first" and not config.successes_first
+    if as_they_come and not (config.skip_bad and keep < len(found)):  # the first so many that can be read
         return found[:keep], {"kept": keep, "of": len(found), "rule": "first", "rule_text": _rule_text(config)}, []
     refs, scores, successes, left_out = [], [], [], []
     for ref in tqdm(found, unit="episode", desc="Reading"):

@@ -142,10 +142,7 @@ def _results(log_dir: str | None) -> tuple[dict[str, Any] | None, str]:
             f"{np.percentile(distance, 95):.3f} | {speed.mean():.3f} | {outcomes} |"
         )
     seeds = [episode["seed"] for episodes in rows.values() for episode in episodes if episode["seed"] is not None]
-    lines += [
-        "",
-        "Docked: inside the IDSS box. Every episode counts; intervals are Clopper and Pearson's.",
-    ]
+    lines += ["", "Docked: inside the IDSS box. Every episode counts; intervals are Clopper and Pearson's."]
     if seeds:
         lines.append(f"Seeds {min(seeds)} to {max(seeds)}." if len(seeds) > 1 else f"Seed {seeds[0]}.")
     commands = _evaluations(Path(log_dir))

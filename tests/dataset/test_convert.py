@@ -259,6 +259,26 @@ def test_an_attitude_that_is_none_is_refused_with_its_state(flights, log_folder,
     assert not (tmp_path / "d").exists()
 
 
+@pytest.mark.parametrize("damage", ["gap", "lost"])
+def test_a_label_that_is_not_whole_is_refused(flights, tmp_path, damage):
+    log = short(flights[0], 6)
+    log.extra["label_Ty"] = np.where(np.arange(6) == 4, np.nan, log.extra["label_Ty"])
+    if damage == "lost":
+        del log.extra["label_Ty"]
+    write_episode_log(tmp_path / "logs" / "episode_1.parquet", log)
+    message = r"'label_Ty' holds nan in row 4" if damage == "gap" else "all six are needed, or none"
+    with pytest.raises(FileFormatError, match=rf"episode_1\.parquet: .*{message}"):
+        run(tmp_path / "logs", tmp_path / "d", images="none")
+
+
+def test_as_many_as_were_asked_for_are_kept_where_some_cannot_be_read(flights, tmp_path):
+    for number, log in enumerate(flights[:3]):
+        write_episode_log(tmp_path / "logs" / f"episode_{number}.parquet", short(log, 3))
+    (tmp_path / "logs" / "episode_0.parquet").write_bytes(b"damaged")
+    run(tmp_path / "logs", tmp_path / "d", images="none", num_episodes=2, skip_bad=True)
+    assert DatasetReader(tmp_path / "d").about.column("source").tolist() == ["episode_1.parquet", "episode_2.parquet"]
+
+
 def test_an_episode_that_is_too_short_is_named(flights, tmp_path):
     for number, steps in enumerate((9, 1)):
         write_episode_log(tmp_path / "logs" / f"episode_{number}.parquet", short(flights[0], steps))

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from lerobot_spacedock.dataset.episode import succeeded
+from lerobot_spacedock.dataset.episode import LABEL_COLUMNS, succeeded
 from lerobot_spacedock.env.start import MAX_QUATERNION_ERROR
-from lerobot_spacedock.episode_log import EpisodeLog
+from lerobot_spacedock.episode_log import OBSERVED, EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, InputError, reading
 from lerobot_spacedock.physics.frames import QUATERNION
 
@@ -120,6 +120,7 @@ def load(ref: EpisodeRef) -> LoadedEpisode:
     try:
         episode = _module(ref.format).load(ref)
         _check_attitudes(ref, episode.log)
+        _check_teaching(ref, episode.log)
         with reading(ref.name, "an episode"):
             return replace(episode, log=_judged(_at_port(ref, episode.log)))
     except FileNotFoundError as error:
@@ -151,6 +152,17 @@ def _check_attitudes(ref: EpisodeRef, log: EpisodeLog) -> None:
     if wrong.size:
         row = wrong[0]
         raise FileFormatError(f"{ref.name}: the quaternion of state {row} has the length {length[row]:.3g}, not 1.")
+
+
+def _check_teaching(ref: EpisodeRef, log: EpisodeLog) -> None:
+    """What becomes the observation or the label is a number, and a label has all its components or none."""
+    labels = [name for name in LABEL_COLUMNS if name in log.extra]
+    if labels and len(labels) < len(LABEL_COLUMNS):
+        raise FileFormatError(f"{ref.name}: of the label only {', '.join(labels)}; all six are needed, or none.")
+    for name in (*labels, *(name for name in log.extra if name.startswith(OBSERVED))):
+        bad = np.flatnonzero(~np.isfinite(log.extra[name][: log.num_steps]))
+        if bad.size:
+            raise FileFormatError(f"{ref.name}: column {name!r} holds {log.extra[name][bad[0]]} in row {bad[0]}.")
 
 
 def _module(kind: str):
