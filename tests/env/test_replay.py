@@ -142,6 +142,8 @@ def test_bad_reset_options_are_named(options, message):
         ({"reward": {"alive": "3"}}, r"reward\.alive: got 3; allowed: a finite number ≥ 0"),
         ({"reward": 3}, r"env\.reward: got 3; allowed: a dict .*braking_power"),
         ({"time_step_mean_s": "1"}, r"time_step_mean_s: got 1; allowed: a finite number > 0"),
+        ({"time_step_mean_s": 2.0}, r"time_step_mean_s: got 2\.0; .*0\.6 to 1\.25 s.* time_step=fixed"),
+        ({"time_step_mean_s": 0.5}, r"time_step_mean_s: got 0\.5; .*0\.6 to 1\.25 s.* time_step=fixed"),
         ({"station_pose": ["a"] * 16}, "station_pose: .*16 finite numbers"),
         ({"meta": {"mass_fraction": 1.0}}, r"meta\.mass_fraction: .*fraction < 1"),
         ({"sun": "bright"}, "fixed"),
@@ -150,6 +152,21 @@ def test_bad_reset_options_are_named(options, message):
 def test_bad_options_are_named(options, message):
     with pytest.raises(InputError, match=message):
         gym.make("SpaceDock-v0", **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "step_s"),
+    [
+        ({"time_step": "fixed", "time_step_mean_s": 2.0}, (2.0, 2.0)),
+        ({"time_step_mean_s": 2.0, "time_step_min_s": 1.9, "time_step_max_s": 2.1}, (1.9, 2.1)),
+    ],
+)
+def test_steps_may_be_of_another_length(options, step_s):
+    env = make(**options)
+    env.reset(seed=0)
+    for _ in range(20):
+        *_, info = env.step(np.zeros(6))
+        assert step_s[0] <= info["dt_s"] <= step_s[1]
 
 
 def test_a_range_may_be_a_list():
