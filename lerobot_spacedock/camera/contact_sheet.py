@@ -11,11 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from .config import BACKENDS, DETAILS, PORTS, CameraConfig, SensorConfig
+from lerobot_spacedock.errors import InputError, SpaceDockError
+
+from .config import BACKENDS, DETAILS, MAX_PIXELS_PER_SIDE, PORTS, CameraConfig, SensorConfig
 from .renderer import make_renderer
 from .sun import FIXED_SUN_H
 
 LOW_SUN_H = {"zvezda_aft": np.array([-0.16, -0.40, 0.90]), "harmony_forward": np.array([-0.16, 0.40, 0.90])}
+MIN_WIDTH = 64  # pixels of a picture; less leaves no room for its caption
 ECLIPSE_SUN_H = np.array([-0.95, 0.2, 0.25])
 
 
@@ -113,9 +116,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--backend", choices=BACKENDS, default="software", help="renderer")
     parser.add_argument("--width", type=int, default=320, help="width of each picture, pixels")
     options = parser.parse_args(arguments)
+    if not MIN_WIDTH <= options.width <= MAX_PIXELS_PER_SIDE:
+        raise InputError("--width", options.width, f"a whole number from {MIN_WIDTH} to {MAX_PIXELS_PER_SIDE}")
     print("wrote", make_sheet(options.out, detail=options.detail, backend=options.backend, width=options.width))
     return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    try:
+        raise SystemExit(main())
+    except SpaceDockError as error:
+        raise SystemExit(f"error: {error}") from None

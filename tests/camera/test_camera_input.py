@@ -8,7 +8,15 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lerobot_spacedock.camera import CameraConfig, SensorConfig, draw_sun, make_renderer, sun_from_orbit, sunlit_share
+from lerobot_spacedock.camera import (
+    CameraConfig,
+    SensorConfig,
+    contact_sheet,
+    draw_sun,
+    make_renderer,
+    sun_from_orbit,
+    sunlit_share,
+)
 from lerobot_spacedock.errors import FileFormatError, InputError, SpaceDockError
 
 pytestmark = pytest.mark.render
@@ -84,6 +92,12 @@ def test_bad_options_say_what_is_allowed(options):
 def test_bad_sensor_options(options):
     with pytest.raises(InputError, match=r"camera\.sensor"):
         SensorConfig(**options)
+
+
+def test_a_contact_sheet_of_no_width_is_refused(tmp_path):
+    with pytest.raises(InputError, match="--width: got 0"):
+        contact_sheet.main(["--width=0", f"--out={tmp_path / 'sheet.png'}"])
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_lens_that_folds_the_picture_is_refused():
