@@ -69,7 +69,13 @@ def load_pictures(
 
 
 def picture_use(checkpoint: Path, dataset_root: Path, *, num_frames: int = 256, seed: int = 0) -> dict[str, Any]:
-    """Loads a stock ACT checkpoint and gives ``changes`` over frames drawn from a dataset with pictures."""
+    """Loads a stock ACT checkpoint and gives ``changes`` over frames drawn from a dataset with pictures.
+
+    Raises:
+        InputError: no checkpoint or no dataset there, or fewer than two frames: each is shown with another's picture.
+    """
+    if num_frames < 2:
+        raise InputError("--frames", num_frames, "2 or more")
     policy, before, after = load_policy(checkpoint)
     pictures, states, labels = load_pictures(dataset_root, num_frames, seed)
     mean = pictures.mean(dim=(0, 2, 3), keepdim=True)
@@ -99,7 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m lerobot_spacedock.study.picture_use", description=__doc__)
     parser.add_argument("--checkpoint", type=Path, required=True, help="CHECKPOINT/pretrained_model of an ACT")
     parser.add_argument("--root", type=Path, required=True, help="a LeRobotDataset with pictures of its size")
-    parser.add_argument("--frames", type=int, default=256)
+    parser.add_argument("--frames", type=int, default=256, help="how many to draw from it; default: 256")
     parser.add_argument("--out", type=Path, help="write the JSON here too")
     arguments = parser.parse_args(argv)
     try:

@@ -44,6 +44,12 @@ def test_what_is_not_there_is_named_and_the_hub_is_not_asked(command, tmp_path, 
         load_pictures(tmp_path / "data", 4)
 
 
+@pytest.mark.parametrize("frames", ["-1", "0", "1"])  # one is no other's picture
+def test_frames_too_few_to_swap_are_refused(frames, tmp_path, capsys):
+    assert picture_use_main(["--checkpoint", str(tmp_path), "--root", str(tmp_path), "--frames", frames]) == 2
+    assert f"--frames: got {frames}; allowed: 2 or more" in capsys.readouterr().err
+
+
 def test_whole_episodes_fly_with_it(tmp_path):
     torch.manual_seed(0)
     config = ACTConfig(
