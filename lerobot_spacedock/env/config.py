@@ -85,8 +85,9 @@ class TaskConfig:
         if not (all(map(_is_finite, given)) and given[0] >= 0.0 and given[1] <= given[2]):
             raise InputError("time_step_std_s, time_step_min_s, time_step_max_s", given, "0 ≤ std, min ≤ max, finite")
         if self.time_step == "normal" and not given[1] <= self.time_step_mean_s <= given[2]:
-            allowed = f"time_step_min_s to time_step_max_s, {given[1]:g} to {given[2]:g} s, to which every step is clipped"
-            raise InputError("time_step_mean_s", self.time_step_mean_s, allowed, "Give these too, or time_step=fixed.")
+            allowed = f"{given[1]:g} to {given[2]:g} s, the least and most that every step is clipped to"
+            mend = "Give time_step_min_s and time_step_max_s too, or time_step=fixed."
+            raise InputError("time_step_mean_s", self.time_step_mean_s, allowed, mend)
         for group in ("corridor", "meta", "reward"):
             _check_numbers(group, getattr(self, group))
         # so that the inertia is positive definite, whatever is drawn
