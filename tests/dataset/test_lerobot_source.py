@@ -12,7 +12,7 @@ from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.convert import ConvertConfig, convert
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.reader import DatasetReader
-from lerobot_spacedock.dataset.record import Storage
+from lerobot_spacedock.dataset.record import DatasetLayout, DatasetRecorder, Storage
 from lerobot_spacedock.physics.frames import STATE_NAMES
 
 CAMERA = CameraConfig(height=HEIGHT, width=WIDTH)
@@ -132,6 +132,22 @@ def test_what_a_foreign_one_says_of_success_and_tasks_is_kept(flights, tmp_path,
     run(tmp_path / "two", tmp_path / "asked", format="lerobot", task="fly")
     assert LeRobotDataset("test/again", root=tmp_path / "asked")[0]["task"] == "fly"
     assert "further columns" not in capsys.readouterr().out
+
+
+def test_each_episode_keeps_its_task_whatever_shards_are_merged(flights, tmp_path, monkeypatch):
+    from lerobot_spacedock.dataset import merge
+
+    monkeypatch.setattr(merge, "MERGE_AT_ONCE", 2)
+    layout = DatasetLayout("test/tasks", image=False, task=None)
+    tasks = ["dock", "hold", "dock", "leave", "hold"]
+    with DatasetRecorder(tmp_path / "one", layout) as recorder:
+        for log, task in zip(flights, tasks, strict=True):
+            recorder.add_episode(short(log, 4), tasks=[task] * 4)
+    run(tmp_path / "one", tmp_path / "two", format="lerobot")
+    again = LeRobotDataset("test/again", root=tmp_path / "two")
+    assert [again[3 * episode]["task"] for episode in range(5)] == tasks, "the last frames became terminal states"
+    assert sorted(again.meta.tasks.index) == ["dock", "hold", "leave"]
+    assert check_dataset(tmp_path / "two").errors == []
 
 
 @pytest.mark.parametrize("kept", ["control_dt", "sim_time"])

@@ -109,6 +109,14 @@ def test_a_v3_dataset_is_not_taken_for_an_old_one(flights, tmp_path):
         convert(ConvertConfig(str(tmp_path / "old"), "test/new", format="v21", root=str(tmp_path / "new")))
 
 
+def test_it_is_not_copied_into_itself(flights, tmp_path):
+    write_v21(tmp_path / "old", [short(flights[0], 5)], real_times=False)
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(InputError, match="outside of --source"):
+        convert(ConvertConfig(str(tmp_path / "old"), "test/new", format="v21", root=str(tmp_path / "old" / "new")))
+    assert sorted(tmp_path.rglob("*")) == before
+
+
 @pytest.mark.parametrize("content", ["{", "[1]"])
 def test_a_damaged_description_is_named(tmp_path, content):
     (tmp_path / "old" / "meta").mkdir(parents=True)

@@ -44,7 +44,7 @@ def convert_v21(config: ConvertConfig, root: Path) -> int:
     """Converts the dataset at ``config.source`` to v3.0 at ``root``; the source is not touched.
 
     Raises:
-        InputError: the source is not a v2.1 dataset, or an option that this format has no use for.
+        InputError: the source is not a v2.1 dataset or holds the root, or an option that this format has no use for.
         FileFormatError: LeRobot's converter failed.
     """
     source = Path(config.source)
@@ -55,6 +55,8 @@ def convert_v21(config: ConvertConfig, root: Path) -> int:
     if version != "v2.1":
         raise InputError("--source", f"{source}, {version}", "a LeRobotDataset v2.1", "v3.0 needs no conversion.")
     _refuse_unused(config)
+    if root.resolve().is_relative_to(source.resolve()):
+        raise InputError("--root", str(root), "a folder outside of --source, all of which is copied")
     job = Job(root)
     with job.lock(), job.disk_errors():
         job.begin(config.settings())
