@@ -133,6 +133,10 @@ class SpaceDockConfig(TaskConfig):
         one_of("obs_type", self.obs_type, OBS_TYPES)
         one_of("renderer", self.renderer, BACKENDS)
         one_of("sun", self.sun, SUNS)
+        changed = [name for name, value in vars(self.meta).items() if value != getattr(MetaRanges, name)]
+        if changed and self.dynamics != "meta":
+            mend = "Add dynamics=meta, or take SpaceDockMeta-v0."
+            raise InputError("meta", ", ".join(changed), "nothing where dynamics is nominal, which draws none", mend)
         pose = self.station_pose
         if pose is not None and not (isinstance(pose, tuple | list) and len(pose) == 16 and all(map(_is_finite, pose))):
             raise InputError("station_pose", pose, "16 finite numbers, a 4×4 matrix row by row")

@@ -146,6 +146,7 @@ def test_bad_reset_options_are_named(options, message):
         ({"time_step_mean_s": 0.5}, r"time_step_mean_s: got 0\.5; .*0\.6 to 1\.25 s.* time_step=fixed"),
         ({"station_pose": ["a"] * 16}, "station_pose: .*16 finite numbers"),
         ({"meta": {"mass_fraction": 1.0}}, r"meta\.mass_fraction: .*fraction < 1"),
+        ({"meta": {"mass_fraction": 0.3}}, r"meta: got mass_fraction; allowed: nothing where .* dynamics=meta"),
         ({"sun": "bright"}, "fixed"),
     ],
 )
