@@ -160,7 +160,7 @@ def _check_alike(plan: Plan, ref: EpisodeRef, log: EpisodeLog) -> None:
         InputError: this one is of another port, or states that its pictures are drawn otherwise.
     """
     port = port_of(log.metadata).name
-    planned = (plan.facts.get("env") or plan.facts).get("port", port)
+    planned = plan.facts.get("port") or (plan.facts.get("env") or {}).get("port", port)
     if port != planned:
         mend = "Convert those of each port into a dataset of their own."
         raise InputError("--source", f"{ref.label} at {port}", f"flights to {planned}, as the first", mend)
