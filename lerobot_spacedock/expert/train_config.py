@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from lerobot_spacedock.env.config import TaskConfig
 from lerobot_spacedock.env.reward_config import RewardConfig
 from lerobot_spacedock.env.scenario_config import MetaRanges, get_initial_conditions
 from lerobot_spacedock.errors import InputError
@@ -198,6 +199,7 @@ class TrainExpertConfig:
     init_critic_iterations: int = 10
 
     def __post_init__(self) -> None:
+        TaskConfig(meta=self.meta, reward=self.reward)  # refuses here what no task can fly, before a folder is made
         total = sum(task.share for task in self.tasks)
         if not self.tasks or abs(total - 1.0) > 1e-6:
             raise InputError("tasks", f"shares that add up to {total:g}", "shares that add up to 1")

@@ -10,6 +10,8 @@ import torch
 from rsl_rl.algorithms import PPO
 from safetensors.torch import load_file
 
+from lerobot_spacedock.env.reward_config import RewardConfig
+from lerobot_spacedock.env.scenario_config import MetaRanges
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.expert.checkpoint import load_actor
 from lerobot_spacedock.expert.ppo import clear_memory, collect, make_ppo, set_std_ceiling
@@ -270,6 +272,8 @@ def test_what_is_refused(tmp_path):
         ({"interactions": 0}, "≥ 1"),
         ({"smoothness_ramp": 1.5}, "fraction"),
         ({"seed": -1}, "seed: got -1; allowed: an integer ≥ 0"),
+        ({"meta": MetaRanges(mass_fraction=1.5)}, r"meta\.mass_fraction: got 1\.5"),
+        ({"reward": RewardConfig(rate_scale_deg_s=0.0)}, r"reward\.rate_scale_deg_s: got 0\.0"),
         ({"evaluation_episodes": 0}, "evaluation_episodes: got 0; allowed: an integer ≥ 1"),
     ]:
         with pytest.raises(InputError, match=said):
