@@ -96,7 +96,6 @@ OPTIONS = {
     "initial_conditions": "random",
     "max_steps": 90,
     "station_mesh": "my station.glb",
-    "meta": {"thrust_scale": [0.9, 1.0]},
     "corridor": {"enabled": False},
     "camera": {"vfov_deg": 45.0, "lamp": "on", "sensor": {"read_noise": 0.01}},
 }
@@ -108,6 +107,8 @@ def test_every_option_that_differs_from_the_tasks_own_is_a_flag_that_lerobot_rea
     given = OPTIONS | {"camera": OPTIONS["camera"] | size}
     if env_id == "SpaceDock-v0":
         given |= {"dynamics": "meta", "contact": True, "station_pose": [float(k) for k in range(16)]}
+    if env_id in ("SpaceDock-v0", "SpaceDockMeta-v0"):
+        given |= {"meta": {"thrust_scale": [0.9, 1.0]}}
     env = SpaceDockConfig.from_options(env_id=env_id, **(ENV_IDS[env_id] | given))
     features = picture(96, 128, 3) | state(6 if env.withhold_pose else 13)
     assert parsed(env_flags(features, asdict(env))) == env
