@@ -79,6 +79,7 @@ def fly(
         raise InputError("--episodes", episodes, "1 or more")
     if episodes % min(batch_size, episodes):  # outside LeRobot's commands nothing marks what only fills a batch
         raise InputError("--episodes", episodes, f"up to {batch_size}, or a multiple of it")
+    config = SpaceDockEnvConfig(task=task, initial_conditions=starts, log_dir=str(log_dir))
     policy, before, after = load_policy(checkpoint)
     try:
         log_dir.mkdir(parents=True)  # two commands that fly into one folder would count each other's episodes
@@ -88,7 +89,6 @@ def fly(
     policy.config.temporal_ensemble_coeff, policy.config.n_action_steps = coefficient, 1
     policy.temporal_ensembler = ACTTemporalEnsembler(coefficient, policy.config.chunk_size)
     height, width = pictures.shape[-2:]
-    config = SpaceDockEnvConfig(task=task, initial_conditions=starts, log_dir=str(log_dir))
     config.camera = type(config.camera)(height=height, width=width)
     env = config.create_envs(min(batch_size, episodes))["spacedock"][0]
     try:

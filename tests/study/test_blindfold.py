@@ -83,6 +83,8 @@ def test_whole_episodes_fly_with_it(tmp_path):
         assert (row["run"], row["episodes"], row["steps"]["mean"]) == (name, 2, 65)
     with pytest.raises(SpaceDockError):
         fly(tmp_path / "no_act", PICTURES, "seen", "same", tmp_path / "later", episodes=2)
+    with pytest.raises(SpaceDockError, match="nowhere"):
+        fly(tmp_path / "act", PICTURES, "seen", "nowhere", tmp_path / "later", episodes=2)
     assert not (tmp_path / "later").exists()  # the same command, mended, may have it
     with pytest.raises(InputError, match="a folder that is not there yet"):
         fly(tmp_path / "act", PICTURES, "seen", "same", tmp_path / "seen", episodes=2)
