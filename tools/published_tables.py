@@ -45,6 +45,8 @@ def main() -> int:
     arguments = parser.parse_args()
     stale = 0
     for path in arguments.documents:
+        if not path.is_file():
+            parser.error(f"{path}: no such file")
         text = path.read_text(encoding="utf-8")
         new = refreshed(text)
         if new == text:

@@ -43,6 +43,10 @@ class Storage:
     def __post_init__(self) -> None:
         if self.kind not in schema.STORAGES:
             raise InputError("--storage.kind", self.kind, " or ".join(schema.STORAGES))
+        for name in ("vcodec", "crf", "gop"):
+            value = getattr(self, name)
+            if self.kind == "image" and value != getattr(Storage, name):
+                raise InputError(f"--storage.{name}", value, "nothing, with --storage.kind=image: PNG has no encoder")
 
 
 @dataclass(frozen=True)

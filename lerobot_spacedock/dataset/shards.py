@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -41,7 +41,7 @@ class ShardSummary:
         rows: of ``provenance.EPISODES_FILE``, one an episode written.
         left_out: (episode, reason) of each that could not be read.
         resized: how many episodes had stored pictures of another size, by "height × width → height × width".
-        assumed: how many episodes of the source came without something, by what stands in its place.
+        assumed: how many episodes came without something, by what stands in its place, or from another environment.
     """
 
     rows: list[dict]
@@ -136,7 +136,7 @@ def _write(
                 size = f"{plan.layout.height} × {plan.layout.width}"
                 changed.update(f"{height} × {width} → {size}" for height, width in sizes)
                 rows.append(episode_row(part, source=ref.label, repeat=number))
-            assumed.update(f"{name} {said}" for name in ASSUMED if (said := episode.log.metadata.get(name)))
+            assumed.update(_remarks(plan, episode.log.metadata))
         except (FileFormatError, InputError) as error:
             if not plan.skip_bad:
                 if recorder is not None:
@@ -151,6 +151,15 @@ def _write(
     if recorder is not None:
         recorder.close()
     return ShardSummary(rows, left_out, dict(changed), dict(assumed))
+
+
+def _remarks(plan: Plan, flown: dict[str, Any]) -> list[str]:
+    """What a reader of the dataset should know of an episode: what was assumed, and that its environment is another."""
+    remarks = [f"{name} {said}" for name in ASSUMED if (said := flown.get(name))]
+    named = (plan.facts.get("env") or {}).get("env_id")
+    if named and flown.get("env_id") not in (None, named):
+        remarks.append(f"flown in {flown['env_id']}, where the environment that is named is the first flight's, {named}")
+    return remarks
 
 
 def _check_alike(plan: Plan, ref: EpisodeRef, log: EpisodeLog) -> None:

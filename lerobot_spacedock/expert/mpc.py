@@ -13,6 +13,7 @@ to the limits afterwards, which some plans reach (in ``SpaceDock-v0`` at the por
 
 from __future__ import annotations
 
+import math
 from functools import cache
 
 import numpy as np
@@ -29,7 +30,8 @@ from lerobot_spacedock.physics.relative_motion import hcw_transition_matrix
 # millimetre. Where the port is flown through at a speed, being there half a second late costs nothing.
 SOFTNESS_AT_REST = (0.01, 0.01)
 SOFTNESS_AT_SPEED = (3.0, 0.1)
-SOFTNESS_FREE_TIME = (0.6, 0.6)
+# Free time, at the reference step; of shorter steps as many more, each of which weighs less.
+SOFTNESS_FREE_TIME = 0.6
 FEWEST_STEPS_FREE_TIME = 4
 FREE_TIME_WEIGHT_m2_s4 = 1.6e-3  # arrives from the reference start after about 65 steps
 LONGEST_PLAN_STEPS = 120
@@ -93,7 +95,9 @@ class MpcPolicy(ClassicalPolicy):
             softness = SOFTNESS_AT_SPEED if self._deadline.closing_speed_m_s > 0.0 else SOFTNESS_AT_REST
             self._law, longest = self._at_deadline, self._deadline.steps
         else:
-            softness, self._law, longest = SOFTNESS_FREE_TIME, self._free_time, LONGEST_PLAN_STEPS
+            shorter = max(1.0, Deadline.step_s / self._deadline.step_s)
+            softness, self._law = (SOFTNESS_FREE_TIME / shorter, SOFTNESS_FREE_TIME / shorter), self._free_time
+            longest, self._fewest = math.ceil(LONGEST_PLAN_STEPS * shorter), FEWEST_STEPS_FREE_TIME * shorter
         self._transitions, self._gains, self._costs = plans(longest, self._deadline.step_s, softness)
 
     def acceleration(self, r: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -117,7 +121,7 @@ class MpcPolicy(ClassicalPolicy):
         # vertex of the parabola through three plans: else the whole number of steps would show in the command
         bend = np.maximum(before - 2.0 * here + after, 1e-12)
         arrival = steps[best] + np.clip(0.5 * (before - after) / bend, -0.5, 0.5)
-        planned = np.maximum(arrival, FEWEST_STEPS_FREE_TIME)
+        planned = np.maximum(arrival, self._fewest)
         whole = np.floor(planned).astype(np.int64)
         command = 0.0
         for count, weight in ((whole, whole + 1.0 - planned), (whole + 1, planned - whole)):

@@ -151,6 +151,8 @@ def _prepare(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) 
         raise InputError("--output_dir", str(output), "a folder, there or not")
     if config.init_from is not None and not starts_from_checkpoint(config):
         find_dataset(config.init_from)
+    elif config.init_from is not None:  # one of another shape is told of before there is a folder
+        load_networks(Path(config.init_from), make_ppo(config, TrainingTasks(config).reset(0)))
     output.mkdir(parents=True, exist_ok=True)
     if not checkpoints(output / "checkpoints"):
         write_json(output / "config.json", resolved, indent=2, sort_keys=True)

@@ -30,12 +30,14 @@ def group(
         coefficients: keep these alone; none keeps all.
 
     Raises:
-        InputError: a task or a coefficient that no trial was flown with.
+        InputError: no trial, or a task or a coefficient that none was flown with.
     """
     flown = [row for trial in trials for row in trial["rows"]]
+    if not flown:
+        raise InputError("results", "no trial", "files with one at least", "Let spacedock sweep finish one first.")
     _check("--tasks", tasks, {row["task"] for row in flown})
     _check("--coefficients", coefficients, {row["coefficient"] for row in flown} - {None})
-    names = list(trials[0]["point"]) if trials else []
+    names = list(trials[0]["point"])
     vary = [name for name in names if name != "seed" and len({trial["point"].get(name) for trial in trials}) > 1]
     found: Rows = defaultdict(list)
     for trial in sorted(trials, key=lambda trial: trial["point"]["seed"]):

@@ -716,6 +716,16 @@ def test_pictures_that_flights_state_differently_are_not_drawn_alike_unless_aske
     run(tmp_path / "logs", tmp_path / "none", **options | {"images": "none"})
 
 
+def test_flights_of_several_environments_are_told_of_where_one_is_named(tmp_path, capsys):
+    here, there = fly_some([1]), fly_some([2])
+    there[0].metadata["env_id"] = "SpaceDock-v0"
+    write_logs(tmp_path / "logs", *here, *there)
+    run(tmp_path / "logs", tmp_path / "d", images="none", camera=CameraFlags())
+    said = "flown in SpaceDock-v0, where the environment that is named is the first flight's, SpaceDockContact-v0"
+    assert f"{said} (1 episodes)" in capsys.readouterr().out
+    assert said in (tmp_path / "d" / "README.md").read_text()
+
+
 def test_pictures_keep_their_size_unless_another_is_given(raw_export, tmp_path):
     options = {"format": "raw", "storage": Storage("image")}
     for camera, size in (

@@ -33,6 +33,12 @@ def test_a_setting_outside_the_codecs_range_is_named(setting):
         check_encoder(DatasetLayout("a/b", 48, 64, storage=Storage(**setting)))
 
 
+@pytest.mark.parametrize("setting", [{"vcodec": "h264"}, {"crf": 12}, {"gop": 10}])
+def test_pictures_in_parquet_take_no_encoder_setting(setting):
+    with pytest.raises(InputError, match=r"--storage\..*nothing, with --storage.kind=image"):
+        Storage(kind="image", **setting)
+
+
 def test_a_codec_that_is_there_and_fails_is_refused_with_its_reason(monkeypatch):
     """As those of a GPU do where there is none."""
     from lerobot.datasets import video_utils

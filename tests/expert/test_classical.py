@@ -139,6 +139,16 @@ def test_laws_without_a_clock_do_not_count_steps(name):
     np.testing.assert_array_equal(first, again)
 
 
+@pytest.mark.parametrize("step_s", [0.3, 0.5, 1.8])
+def test_free_time_docks_at_the_same_moment_with_steps_of_another_length(step_s):
+    # a plan is a time, not a number of steps: the arrival of the reference steps, and in the box
+    at_reference = fly(MpcPolicy(mode="receding", hill_coupling=True), TASKS["contact same"], SEEDS)
+    task = replace(TASKS["contact same"], time_step="fixed", time_step_mean_s=step_s, max_steps=int(200 / step_s))
+    flown = fly(make_expert("mpc", task), task, SEEDS)
+    assert flown.idss.all()
+    np.testing.assert_allclose(flown.steps * step_s, at_reference.steps * 0.907, rtol=0.15)
+
+
 def test_free_time_command_is_continuous_in_the_state():
     # the plan's whole number of steps must not show: along a line of states the command never jumps
     distance = np.linspace(2.0, 25.0, 4000)

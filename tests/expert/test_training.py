@@ -363,3 +363,4 @@ def test_a_second_stage_starts_from_the_networks_of_the_first(tmp_path):
     other = small(tmp_path / "third", init_from=str(first), actor=ActorConfig(lstm_size=4, hidden_sizes=[8]))
     with pytest.raises(FileFormatError, match="networks of the configured shape"):
         train_expert(other)
+    assert not (tmp_path / "third").exists()

@@ -42,6 +42,13 @@ def test_what_is_no_sweep_is_named(tmp_path, capsys):
     assert "none.json" in capsys.readouterr().err
 
 
+def test_a_file_without_trials_is_told_of(tmp_path, capsys):
+    path = tmp_path / "sweep.json"
+    path.write_text('{"trials": []}')
+    assert main([str(path)]) == 2
+    assert "results: got no trial" in capsys.readouterr().err
+
+
 def test_coefficients_are_picked(capsys):
     path = Path(__file__).parents[2] / "results" / "sweep_frontier.json"
     assert main([str(path), "--tasks", "SpaceDock-v0/same", "--coefficients", "0.01", "-1"]) == 0
