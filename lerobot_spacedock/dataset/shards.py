@@ -158,7 +158,7 @@ def _remarks(plan: Plan, flown: dict[str, Any]) -> list[str]:
     remarks = [f"{name} {said}" for name in ASSUMED if (said := flown.get(name))]
     named = (plan.facts.get("env") or {}).get("env_id")
     if named and flown.get("env_id") not in (None, named):
-        remarks.append(f"flown in {flown['env_id']}, where the environment that is named is the first flight's, {named}")
+        remarks.append(f"flown in {flown['env_id']}, where the environment named is the first flight's, {named}")
     return remarks
 
 

@@ -721,7 +721,7 @@ def test_flights_of_several_environments_are_told_of_where_one_is_named(tmp_path
     there[0].metadata["env_id"] = "SpaceDock-v0"
     write_logs(tmp_path / "logs", *here, *there)
     run(tmp_path / "logs", tmp_path / "d", images="none", camera=CameraFlags())
-    said = "flown in SpaceDock-v0, where the environment that is named is the first flight's, SpaceDockContact-v0"
+    said = "flown in SpaceDock-v0, where the environment named is the first flight's, SpaceDockContact-v0"
     assert f"{said} (1 episodes)" in capsys.readouterr().out
     assert said in (tmp_path / "d" / "README.md").read_text()
 
