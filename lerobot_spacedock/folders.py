@@ -63,6 +63,17 @@ def check_writable(folder: Path, flag: str) -> None:
         raise InputError(flag, str(folder), "a folder that can be written", f"{nearest}: {error.strerror}.") from error
 
 
+def check_output(file: Path, flag: str) -> None:
+    """Before long work: that ``file`` can be written at its end.
+
+    Raises:
+        InputError: it is a folder, or its folder cannot be written; as ``check_writable``.
+    """
+    if file.is_dir():
+        raise InputError(flag, str(file), "the name of a file", "This is a folder.")
+    check_writable(file.parent, flag)
+
+
 @contextlib.contextmanager
 def disk_errors(folder: Path, remedy: str) -> Iterator[None]:
     """Turns a write that the system refuses (a full disk, no permission) into one sentence.

@@ -28,6 +28,7 @@ from .shared import compiling_notice, earth_texels, pattern_texels, shared_scene
 
 HEADROOM = 3.0  # light is drawn this much dimmer, so that pyrender's clamp leaves the highlights to the film curve
 SHADOW_REACH_m = 12.0  # half width of pyrender's one shadow map: outside of it nothing is in shadow
+GL_CLAMP_TO_BORDER = 0x812D  # of OpenGL; glTF, whose names pyrender has, knows none
 _HELP = (
     "On Debian or Ubuntu: apt install libegl1 libgl1 (EGL) or libosmesa6 (OSMesa, with PYOPENGL_PLATFORM=osmesa); "
     "or use the software renderer, which needs no GL library"
@@ -173,6 +174,10 @@ def _stage_for(scene):
 
     class SunLight(pyrender.DirectionalLight):
         """A Sun whose one shadow map is spent on the neighbourhood of the port."""
+
+        def _generate_shadow_texture(self, size=None):
+            super()._generate_shadow_texture(size)  # which repeats itself beyond its edge, all over the station
+            self.shadow_texture.sampler = pyrender.Sampler(wrapS=GL_CLAMP_TO_BORDER, wrapT=GL_CLAMP_TO_BORDER)
 
         def _get_shadow_camera(self, scene_scale):
             return PortCamera(znear=0.3 * scene_scale, zfar=1.7 * scene_scale, xmag=SHADOW_REACH_m, ymag=SHADOW_REACH_m)

@@ -15,7 +15,7 @@ from lerobot_spacedock.dataset.residuals import TOLERANCES
 from lerobot_spacedock.dataset.roots import existing_root
 from lerobot_spacedock.errors import FileFormatError, InputError, reading
 from lerobot_spacedock.files import read_object, write_json
-from lerobot_spacedock.folders import check_writable
+from lerobot_spacedock.folders import check_output
 
 MAX_LINES = 30
 
@@ -46,9 +46,7 @@ def check(config: CheckConfig) -> int:
         raise InputError("--sample_frames", config.sample_frames, "0 or more")
     root = existing_root(config.repo_id, config.root, downloaded=True)
     if config.json is not None:
-        if Path(config.json).is_dir():
-            raise InputError("--json", config.json, "a file")
-        check_writable(Path(config.json).parent, "--json")  # it is used last
+        check_output(Path(config.json), "--json")  # it is used last
     with tqdm(total=_stated_episodes(root), unit="episode", desc="Checking") as bar:
         report = check_dataset(root, sample_frames=config.sample_frames, redraw=config.redraw, progress=bar.update)
     print(text_of(report, root))

@@ -34,6 +34,21 @@ def find_checkpoint(given: str | Path | None = None) -> Path:
     return path / "policy.safetensors" if path.is_dir() else path
 
 
+def existing_checkpoint(given: str | Path | None = None) -> Path:
+    """As ``find_checkpoint``.
+
+    Raises:
+        FileFormatError: it is not there.
+    """
+    path = find_checkpoint(given)
+    if not path.is_file():
+        raise FileFormatError(
+            f"{path}: no such expert checkpoint; make one with spacedock train-expert, or leave it out or name "
+            f"{' or '.join(NAMED)} for those that ship"
+        )
+    return path
+
+
 def save_actor(path: Path, network: ActorNetwork, training: dict[str, Any]) -> None:
     """Writes weights and description, each aside and renamed.
 
@@ -63,12 +78,7 @@ def load_actor(checkpoint: str | Path | None = None) -> tuple[ActorNetwork, dict
     Raises:
         FileFormatError: no such file, another architecture or version, another action size, or shapes that differ.
     """
-    path = find_checkpoint(checkpoint)
-    if not path.is_file():
-        raise FileFormatError(
-            f"{path}: no such expert checkpoint; make one with spacedock train-expert, or leave it out or name "
-            f"{' or '.join(NAMED)} for those that ship"
-        )
+    path = existing_checkpoint(checkpoint)
     description = read_object(path.with_suffix(".json"))
     for name, wanted in (
         ("architecture", ARCHITECTURE),

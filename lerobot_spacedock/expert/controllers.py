@@ -17,7 +17,8 @@ from lerobot_spacedock.expert.zem import ZemZevPolicy
 from lerobot_spacedock.physics.contact import get_port
 
 ADAPTIVE = {"mpc_adaptive": "mpc", "W_adaptive": "W"}  # each with the law behind its estimate
-EXPERTS = ("meta_rl", "meta_rl_sampled", "meta_rl_forgetful", "mpc", "mpc_fixed", "zem", *LAWS, *ADAPTIVE)
+META_RL = ("meta_rl", "meta_rl_sampled", "meta_rl_forgetful")  # the mean, sampled, with the memory cleared every step
+EXPERTS = (*META_RL, "mpc", "mpc_fixed", "zem", *LAWS, *ADAPTIVE)
 PAPER_HORIZON_STEPS = 65
 
 
@@ -43,7 +44,7 @@ def make_expert(name: str, task: TaskConfig, *, checkpoint: str | Path | None = 
     if name in ADAPTIVE:
         return AdaptiveThrust(make_expert(ADAPTIVE[name], task), step_s=task.time_step_mean_s)
     where = {"port": get_port(task.port)}
-    if name in ("meta_rl", "meta_rl_sampled", "meta_rl_forgetful"):
+    if name in META_RL:
         from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
 
         options = {"stochastic": name == "meta_rl_sampled", "forgetful": name == "meta_rl_forgetful", "seed": seed}
@@ -62,20 +63,20 @@ def make_expert(name: str, task: TaskConfig, *, checkpoint: str | Path | None = 
     return ZemZevPolicy(deadline, **where)
 
 
-def check_expert(name: str) -> None:
+def check_expert(name: str, flag: str = "--expert") -> None:
     """Raises InputError unless it is one of ``EXPERTS``, or may be a ``MODULE:FACTORY``."""
     if name not in EXPERTS and not re.fullmatch(r"[\w.]+:\w+", name):
-        raise InputError("--expert", name, f"{' | '.join(EXPERTS)} | MODULE:FACTORY of your own")
+        raise InputError(flag, name, f"{' | '.join(EXPERTS)} | MODULE:FACTORY of your own")
 
 
 def _own(name: str, task: TaskConfig) -> Policy:
     module, _, factory = name.partition(":")
-    allowed = "MODULE:FACTORY that Python can import"
+    allowed = "MODULE:FACTORY that Python can import, a callable from the task to a policy"
     try:
-        make = getattr(importlib.import_module(module), factory)
-    except (ImportError, AttributeError) as error:
-        raise InputError("--expert", name, allowed, f"{error}. PYTHONPATH=FOLDER adds a folder.") from error
-    policy = make(task)
+        policy = getattr(importlib.import_module(module), factory)(task)
+    except Exception as error:  # of somebody else's code, any
+        mend = f"{type(error).__name__}: {error}. PYTHONPATH=FOLDER adds a folder."
+        raise InputError("--expert", name, allowed, mend) from error
     if not all(callable(getattr(policy, method, None)) for method in ("reset", "act")):
         made = f"{name}, which made a {type(policy).__name__}"
         raise InputError("--expert", made, "a policy: reset(count), act(observation)")

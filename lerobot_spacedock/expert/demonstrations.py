@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,9 +46,20 @@ def port_of_dataset(folder: Path) -> Port:
     Raises:
         FileFormatError, InputError: the file is damaged, or names another port.
     """
+    env = _fact(folder, "env")
+    return get_port(env["port"]) if "port" in env else ZVEZDA_AFT
+
+
+def teacher_counts(folder: Path) -> dict[str, int]:
+    """Episodes and interactions that trained whoever flew it, by ``meta/spacedock.json``; 0 where that does not say."""
+    training = _fact(folder, "expert").get("training") or {}
+    return {name: int(training.get(name, 0)) for name in ("episodes", "interactions")}
+
+
+def _fact(folder: Path, name: str) -> dict[str, Any]:
     facts = folder / "meta" / "spacedock.json"
-    env = read_object(facts).get("env") if facts.is_file() else None
-    return get_port(env["port"]) if isinstance(env, dict) and "port" in env else ZVEZDA_AFT
+    found = read_object(facts).get(name) if facts.is_file() else None
+    return found if isinstance(found, dict) else {}
 
 
 def load_demonstrations(folder: Path) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lerobot_spacedock import __version__
 from lerobot_spacedock.env.batch import BatchedSpaceDock
 from lerobot_spacedock.env.config import TaskConfig
 from lerobot_spacedock.env.scenario_config import MetaRanges
@@ -20,7 +21,7 @@ from lerobot_spacedock.env.termination import CONTACT
 from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.expert.policy import Policy
 from lerobot_spacedock.files import write_json
-from lerobot_spacedock.folders import check_writable
+from lerobot_spacedock.folders import check_output
 from lerobot_spacedock.physics.frames import POSITION, VELOCITY
 
 VALIDATION_SEED = 2_000_000
@@ -179,7 +180,7 @@ def table(rows: list[tuple[str, str, dict[str, float]]]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line."""
-    from lerobot_spacedock.expert.controllers import EXPERTS, make_expert
+    from lerobot_spacedock.expert.controllers import EXPERTS, META_RL, check_expert, make_expert
 
     parser = argparse.ArgumentParser(prog="python -m lerobot_spacedock.expert.evaluate", description=__doc__)
     parser.add_argument("--policies", default="meta_rl", help=f"comma-separated: {', '.join(EXPERTS)}, MODULE:FACTORY")
@@ -192,12 +193,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if arguments.episodes < 1:
             raise InputError("--episodes", arguments.episodes, "1 or more")
-        if arguments.json and arguments.json.is_dir():
-            raise InputError("--json", str(arguments.json), "the name of a file", "This is a folder.")
         if arguments.json:
-            check_writable(arguments.json.parent, "--json")
+            check_output(arguments.json, "--json")
         names = arguments.policies.split(",")
-        if arguments.checkpoint and not any(name.startswith("meta_rl") for name in names):
+        for name in names:
+            check_expert(name, "--policies")
+        if arguments.checkpoint and not set(META_RL) & set(names):
             raise InputError("--checkpoint", arguments.checkpoint, "nothing, unless --policies names a meta_rl")
         tasks = arguments.tasks.split(",")
         for task in tasks:
@@ -210,13 +211,17 @@ def main(argv: Sequence[str] | None = None) -> int:
             for task in tasks
         ]
         seeds = range(arguments.seed, arguments.seed + arguments.episodes)
-        rows = [(name, task, fly(policy, TASKS[task], seeds).summary()) for name, task, policy in policies]
+        shown = {name: f"{name} ({arguments.checkpoint})" if arguments.checkpoint else name for name in META_RL}
+        rows = [
+            (shown.get(name, name), task, fly(policy, TASKS[task], seeds).summary()) for name, task, policy in policies
+        ]
     except SpaceDockError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(table(rows))
     if arguments.json:
-        records = [{"policy": policy, "task": task, **summary} for policy, task, summary in rows]
+        flown = {"seed": arguments.seed, "spacedock": __version__}
+        records = [{"policy": policy, "task": task, **flown, **summary} for policy, task, summary in rows]
         arguments.json.parent.mkdir(parents=True, exist_ok=True)
         write_json(arguments.json, records, indent=2, default=float)
     return 0

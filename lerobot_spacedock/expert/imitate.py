@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from lerobot_spacedock.expert.demonstrations import find_dataset, load_demonstrations, port_of_dataset
+from lerobot_spacedock.expert.demonstrations import find_dataset, load_demonstrations, port_of_dataset, teacher_counts
 from lerobot_spacedock.expert.features import actor_features
 from lerobot_spacedock.expert.policy import action_signs, observation_signs
 from lerobot_spacedock.expert.rsl import PPO
@@ -52,7 +52,13 @@ def imitate(config: TrainExpertConfig, algorithm: PPO) -> dict[str, Any]:
     with torch.no_grad():
         actor.distribution.log_std_param.fill_(torch.log(torch.tensor(config.init_std)).item())
     actor.reset()
-    return {"imitation_s": time.perf_counter() - start, "demonstration_frames": int(mask.sum())}
+    teacher = teacher_counts(find_dataset(config.init_from))
+    return {
+        "imitation_s": time.perf_counter() - start,
+        "demonstration_frames": int(mask.sum()),
+        "earlier_episodes": teacher["episodes"] + count,
+        "earlier_interactions": teacher["interactions"] + int(mask.sum()),
+    }
 
 
 def _run(actor: torch.nn.Module, features: Tensor) -> Tensor:

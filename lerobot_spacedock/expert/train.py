@@ -21,23 +21,27 @@ from tqdm import tqdm
 
 from lerobot_spacedock import __version__
 from lerobot_spacedock.env.config import TaskConfig
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, SimulationError
 from lerobot_spacedock.expert.checkpoint import save_actor
 from lerobot_spacedock.expert.demonstrations import find_dataset
 from lerobot_spacedock.expert.evaluate import TASKS, VALIDATION_SEED, fly
 from lerobot_spacedock.expert.imitate import freeze_actor, imitate
 from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
 from lerobot_spacedock.expert.ppo import collect, make_ppo, set_std_ceiling
+from lerobot_spacedock.expert.smooth_ppo import LEARNING_RATE_RANGE, SmoothPPO
 from lerobot_spacedock.expert.train_config import TrainExpertConfig
 from lerobot_spacedock.expert.train_state import (
+    TRAINING_FILE,
+    account_of,
     checkpoints,
     export_actor,
     load_checkpoint,
     load_networks,
+    refuse_other_config,
     save_checkpoint,
 )
 from lerobot_spacedock.expert.training_tasks import TrainingTasks
-from lerobot_spacedock.files import write_json
+from lerobot_spacedock.files import read_object, write_json
 from lerobot_spacedock.folders import disk_errors, only_process
 
 __all__ = ["TrainExpertConfig", "train_expert"]
@@ -52,7 +56,7 @@ def train_expert(config: TrainExpertConfig) -> int:
         InputError: an option that cannot be used, or an output folder that exists.
         FileFormatError: nothing to resume from, or a checkpoint of another configuration.
     """
-    output = Path(config.output_dir)
+    output = Path(config.output_dir).expanduser()
     resolved = json.loads(json.dumps(asdict(config)))
     again = "With room, the same command goes on from the last checkpoint with --resume=true."
     with disk_errors(output, again), only_process(output, "--output_dir"):
@@ -82,14 +86,14 @@ def _train(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) ->
     progress: dict[str, Any] = {
         "iteration": 0, "interactions": 0, "episodes": 0, "wall_s": 0.0, "cpu_s": 0.0, "collect_s": 0.0, "learn_s": 0.0,
         "evaluate_s": 0.0, "imitation_s": 0.0, "demonstration_frames": 0, "smoothness_price": 1.0,
-        "curve": [],
+        "earlier_episodes": 0, "earlier_interactions": 0, "curve": [],
     }  # fmt: skip
     after = 0 if config.resume else None
     if config.resume and checkpoints(output / "checkpoints"):
         progress |= load_checkpoint(output / "checkpoints", algorithm, resolved)
         after = progress["interactions"] + 1  # the points of a run that was killed later; the checkpoint's own stays
     elif starts_from_checkpoint(config):
-        load_networks(Path(config.init_from), algorithm)
+        progress |= load_networks(config, algorithm)
     elif config.init_from is not None:
         progress |= imitate(config, algorithm)
 
@@ -133,6 +137,8 @@ class _Clock:
 
 
 def _prepare(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) -> None:
+    if output.exists() and not output.is_dir():
+        raise InputError("--output_dir", str(output), "a folder, there or not")
     if not config.resume and output.exists() and any(output.iterdir()):
         raise InputError(
             "output_dir",
@@ -147,22 +153,27 @@ def _prepare(config: TrainExpertConfig, output: Path, resolved: dict[str, Any]) 
     gpu = int((known[1] or ":0")[1:]) if known else 0
     if not known or (config.device != "cpu" and gpu >= torch.cuda.device_count()):
         raise InputError("--device", config.device, "cpu, or cuda or cuda:N of a GPU that torch sees")
-    if output.exists() and not output.is_dir():
-        raise InputError("--output_dir", str(output), "a folder, there or not")
+    if checkpoints(output / "checkpoints"):
+        return  # which holds all that was started from
+    if (output / "config.json").is_file():
+        refuse_other_config(output / "config.json", read_object(output / "config.json"), resolved)
+        print(f"{output}: no checkpoint yet; it begins from nothing.")
     if config.init_from is not None and not starts_from_checkpoint(config):
         find_dataset(config.init_from)
     elif config.init_from is not None:  # one of another shape is told of before there is a folder
-        load_networks(Path(config.init_from), make_ppo(config, TrainingTasks(config).reset(0)))
+        load_networks(config, make_ppo(config, TrainingTasks(config).reset(0)))
     output.mkdir(parents=True, exist_ok=True)
-    if not checkpoints(output / "checkpoints"):
-        write_json(output / "config.json", resolved, indent=2, sort_keys=True)
+    write_json(output / "config.json", resolved, indent=2, sort_keys=True)
 
 
 def _iterate(config, algorithm, tasks, progress, writer) -> None:
     """One batch of episodes, one update."""
     fraction = progress["iteration"] / config.iterations
-    if config.init_from is not None and not starts_from_checkpoint(config):
-        freeze_actor(algorithm, progress["iteration"] < config.init_critic_iterations)
+    if progress["demonstration_frames"]:
+        frozen_for = config.init_critic_iterations - progress["iteration"]
+        freeze_actor(algorithm, frozen_for > 0)
+        if frozen_for == 0:  # the critic learned at a rate of which the actor knows nothing
+            algorithm.learning_rate = LEARNING_RATE_RANGE[0]
     price = progress["smoothness_price"]
     tasks.smoothness_weight = price * smoothness_weight(config, fraction)
     algorithm.mean_change_coef = price * mean_change_coef(config, fraction)
@@ -171,7 +182,7 @@ def _iterate(config, algorithm, tasks, progress, writer) -> None:
     start = time.perf_counter()
     episode_return = collect(algorithm, tasks, progress["iteration"], config.episode_steps)
     middle = time.perf_counter()
-    losses = algorithm.update()
+    losses = _update(algorithm, f"iteration {progress['iteration']}, seed {config.seed}")
     end = time.perf_counter()
     progress["collect_s"] += middle - start
     progress["learn_s"] += end - middle
@@ -189,6 +200,28 @@ def _iterate(config, algorithm, tasks, progress, writer) -> None:
     writer.add_scalar("train/std_thrust", std[:3].mean().item(), step)
     writer.add_scalar("train/std_torque", std[3:].mean().item(), step)
     writer.add_scalar("train/steps_per_s", config.num_envs * config.episode_steps / (end - start), step)
+
+
+def _update(algorithm: SmoothPPO, where: str) -> dict[str, float]:
+    """One update.
+
+    Raises:
+        SimulationError: the networks are not finite any more.
+    """
+    cause, losses = None, {}
+    try:
+        losses = algorithm.update()
+    except RuntimeError as error:  # of torch's distribution, which refuses what is no number
+        cause = error
+    weights = [*algorithm.actor.parameters(), *algorithm.critic.parameters()]
+    if not all(weight.isfinite().all() for weight in weights):
+        mend = "The last checkpoint is from before; begin anew with a smaller ppo.learning_rate."
+        raise SimulationError(
+            f"train-expert: {where}: the networks' weights are not finite any more. {mend}"
+        ) from cause
+    if cause:
+        raise cause
+    return losses
 
 
 def smoothness_weight(config: TrainExpertConfig, fraction: float) -> float:
@@ -212,7 +245,7 @@ def guarded_price(price: float, idss_percent: float, guard_percent: float) -> fl
 
 def starts_from_checkpoint(config: TrainExpertConfig) -> bool:
     """``init_from`` is a checkpoint folder of another training, not a dataset."""
-    return config.init_from is not None and (Path(config.init_from) / "training.safetensors").is_file()
+    return config.init_from is not None and (Path(config.init_from).expanduser() / TRAINING_FILE).is_file()
 
 
 def mean_change_coef(config: TrainExpertConfig, fraction: float) -> float:
@@ -266,7 +299,7 @@ def _evaluate(config, algorithm, progress, writer, bar) -> None:
 
 def _finish(config, algorithm, progress, output: Path, resolved: dict[str, Any]) -> None:
     """Writes the policy and the account of the training, and says what to do next."""
-    account = {name: value for name, value in progress.items() if name != "curve"}
+    account = account_of(progress)
     account["device"] = config.device
     account["processor"] = platform.processor() or platform.machine()
     account["cpu_count"] = os.cpu_count()

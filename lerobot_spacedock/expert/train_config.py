@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 
 from lerobot_spacedock.env.config import TaskConfig
 from lerobot_spacedock.env.reward_config import RewardConfig
@@ -206,7 +207,8 @@ class TrainExpertConfig:
         counts = ("interactions", "num_envs", "episode_steps", "checkpoint_every", "evaluate_every", "threads")
         counts += ("evaluation_episodes", "init_epochs")
         _check("", self, "an integer ≥ 1", lambda value: value >= 1, *counts)
-        _check("", self, "an integer ≥ 0", lambda value: value >= 0, "seed", "stop_after", "init_critic_iterations")
+        _check("", self, "an integer ≥ 0", lambda value: value >= 0, "stop_after", "init_critic_iterations")
+        _check("", self, "an integer from 0 to 2^63 - 1", lambda value: 0 <= value < 2**63, "seed")
         if self.num_envs % self.ppo.mini_batches:
             raise InputError("num_envs", self.num_envs, f"a multiple of ppo.mini_batches ({self.ppo.mini_batches})")
         if not 0.0 <= self.smoothness_ramp <= 1.0 or not self.smoothness_start > 0.0:
@@ -219,6 +221,33 @@ class TrainExpertConfig:
             raise InputError("smoothness_guard_percent", self.smoothness_guard_percent, "from 0 to 100")
         if not 0.005 <= self.init_std <= 1.0:
             raise InputError("init_std", self.init_std, "from 0.005 to 1")
+        for task, count in zip(self.tasks, self.environments(), strict=True):
+            if count == 0:
+                raise InputError("num_envs", self.num_envs, f"enough that a share of {task.share:g} has one at least")
+        self._refuse_unused()
+
+    def _refuse_unused(self) -> None:
+        """Raises InputError for an option that is given and changes nothing."""
+        here = {name: getattr(self, name) for name in ("init_epochs", "init_std", "init_critic_iterations")}
+        unused = [] if self.init_from else [(name, value, "--init_from") for name, value in here.items()]
+        if not any(task.shoves for task in self.tasks):
+            unused.append(("shoves", self.shoves, "a task with shoves"))
+        if all(task.dynamics == "nominal" for task in self.tasks):
+            unused.append(("meta", self.meta, "a task with dynamics: meta"))
+        plain = {field.name: field for field in fields(self)}
+        for name, value, needed in unused:
+            default = plain[name].default
+            if value != (default if default is not MISSING else plain[name].default_factory()):
+                raise InputError(f"--{name}", value, f"the default, without {needed}", "It would change nothing.")
+        if self.reward.terminal != RewardConfig.terminal:
+            mend = "Nothing ends an episode of the training, so none is paid."
+            raise InputError("--reward.terminal", self.reward.terminal, f"the default, {RewardConfig.terminal:g}", mend)
+
+    def environments(self) -> list[int]:
+        """How many of ``num_envs`` fly each of the tasks."""
+        shares = list(itertools.accumulate(task.share for task in self.tasks))
+        edges = [0, *(round(share / shares[-1] * self.num_envs) for share in shares)]
+        return [end - begin for begin, end in itertools.pairwise(edges)]
 
     @property
     def iterations(self) -> int:

@@ -16,7 +16,7 @@ import torch
 from safetensors.torch import load_file, save
 from torch import Tensor
 
-from lerobot_spacedock.errors import FileFormatError, reading
+from lerobot_spacedock.errors import FileFormatError, InputError, reading
 from lerobot_spacedock.expert.checkpoint import save_actor
 from lerobot_spacedock.expert.network import ActorNetwork, NetworkConfig
 from lerobot_spacedock.expert.rsl import PPO
@@ -24,6 +24,7 @@ from lerobot_spacedock.expert.train_config import TrainExpertConfig
 from lerobot_spacedock.files import read_object, write_json
 
 STATE_VERSION = 1
+TRAINING_FILE = "training.safetensors"
 KEPT_CHECKPOINTS = 2
 
 
@@ -52,9 +53,10 @@ def save_checkpoint(
     aside = folder / f".{target.name}.part"
     shutil.rmtree(aside, ignore_errors=True)
     aside.mkdir(parents=True)
-    account = {name: value for name, value in progress.items() if name != "curve"}
-    save_actor(aside / "policy.safetensors", export_actor(config, algorithm), {"config": resolved, **account})
-    (aside / "training.safetensors").write_bytes(save(_tensors(algorithm)))
+    save_actor(
+        aside / "policy.safetensors", export_actor(config, algorithm), {"config": resolved, **account_of(progress)}
+    )
+    (aside / TRAINING_FILE).write_bytes(save(_tensors(algorithm)))
     write_json(
         aside / "training.json",
         {
@@ -71,6 +73,14 @@ def save_checkpoint(
     for old in checkpoints(folder)[:-KEPT_CHECKPOINTS]:
         shutil.rmtree(old)
     return target
+
+
+def account_of(progress: dict[str, Any]) -> dict[str, Any]:
+    """What a training cost, for its record: ``episodes`` and ``interactions`` with those that came before it."""
+    account = {name: value for name, value in progress.items() if name != "curve"}
+    for name in ("episodes", "interactions"):
+        account[name] += account.get(f"earlier_{name}", 0)
+    return account
 
 
 def checkpoints(folder: Path) -> list[Path]:
@@ -94,10 +104,10 @@ def load_checkpoint(folder: Path, algorithm: PPO, resolved: dict[str, Any]) -> d
     if state.get("version") != STATE_VERSION:
         raise FileFormatError(f"{path}: training state of version {state.get('version')}, this is {STATE_VERSION}")
     with reading(path / "training.json", "the state of a training"):
-        _refuse_other_config(path, state["config"], resolved)
+        refuse_other_config(path, state["config"], resolved)
         _check_progress(path, state["progress"] | {"learning_rate": state["learning_rate"]})
     tensors = _read_tensors(path)
-    with reading(path / "training.safetensors", "a training of this configuration"):
+    with reading(path / TRAINING_FILE, "a training of this configuration"):
         for name, model in (("actor", algorithm.actor), ("critic", algorithm.critic)):
             model.load_state_dict(_part(tensors, name))
         _load_optimizer(algorithm.optimizer, _part(tensors, "optimizer"))
@@ -112,7 +122,7 @@ def load_checkpoint(folder: Path, algorithm: PPO, resolved: dict[str, Any]) -> d
 
 def _read_tensors(path: Path) -> dict[str, Tensor]:
     """``training.safetensors`` of a checkpoint folder."""
-    file = path / "training.safetensors"
+    file = path / TRAINING_FILE
     if not file.is_file():
         raise FileFormatError(f"{file}: missing; it belongs to the checkpoint")
     with reading(file, "a safetensors file"):
@@ -127,19 +137,34 @@ def _check_progress(path: Path, progress: dict[str, Any]) -> None:
             raise FileFormatError(f"{path / 'training.json'}: {name} is {value!r:.80}")
 
 
-def load_networks(path: Path, algorithm: PPO) -> None:
-    """Copies actor and critic of a checkpoint folder, and nothing else of it: the start of another training.
+def load_networks(config: TrainExpertConfig, algorithm: PPO) -> dict[str, int]:
+    """Copies actor and critic of the checkpoint folder ``config.init_from``: the start of another training.
+
+    Returns:
+        ``earlier_episodes`` and ``earlier_interactions``: what those networks had cost.
 
     Raises:
         FileFormatError: files that cannot be read or do not fit.
+        InputError: one unit of the networks' output is another command here.
     """
+    path = Path(config.init_from).expanduser()
     tensors = _read_tensors(path)
-    with reading(path / "training.safetensors", "networks of the configured shape"):
+    with reading(path / TRAINING_FILE, "networks of the configured shape"):
         for name, model in (("actor", algorithm.actor), ("critic", algorithm.critic)):
             model.load_state_dict(_part(tensors, name))
+    state = read_object(path / "training.json")
+    with reading(path / "training.json", "the state of a training"):
+        account = account_of(state["progress"])
+        scales = {name: state["config"]["actor"][name] for name in ("thrust_scale_N", "torque_scale_Nm")}
+        earlier = {f"earlier_{name}": int(account[name]) for name in ("episodes", "interactions")}
+    for name, scale in scales.items():
+        if getattr(config.actor, name) != scale:
+            raise InputError(f"--actor.{name}", getattr(config.actor, name), f"{scale:g}, that of --init_from")
+    return earlier
 
 
-def _refuse_other_config(path: Path, saved: dict[str, Any], wanted: dict[str, Any]) -> None:
+def refuse_other_config(path: Path, saved: dict[str, Any], wanted: dict[str, Any]) -> None:
+    """Raises FileFormatError where a training goes on with other options than ``path`` holds, but free ones."""
     free = {"resume", "output_dir", "threads", "device", "stop_after", "checkpoint_every"}
     changed = sorted(name for name in saved.keys() | wanted.keys() if saved.get(name) != wanted.get(name))
     changed = [name for name in changed if name not in free]

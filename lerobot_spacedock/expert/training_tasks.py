@@ -50,13 +50,10 @@ class TrainingTasks:
 
     def __init__(self, config: TrainExpertConfig) -> None:
         self._config = config
-        counts = _split(config.num_envs, [task.share for task in config.tasks])
         # the smoothness term is weighed here, where its weight can grow; nothing ends an episode, so no bonus
         reward = replace(config.reward, smoothness=0.0, terminal=0.0)
         self._batches, self._shoved = [], []
-        for count, task in zip(counts, config.tasks, strict=True):
-            if count == 0:
-                continue
+        for count, task in zip(config.environments(), config.tasks, strict=True):
             self._shoved.append(task.shoves)
             task_config = TaskConfig(
                 initial_conditions=task.initial_conditions,
@@ -162,9 +159,3 @@ class TrainingTasks:
             self._coupled[:, None],
         ]
         return torch.tensor(np.concatenate(hidden, axis=1), dtype=torch.float32)
-
-
-def _split(total: int, shares: list[float]) -> list[int]:
-    """Whole numbers in proportion to ``shares`` that add up to ``total``."""
-    edges = np.round(np.cumsum(shares) / sum(shares) * total).astype(int)
-    return np.diff(edges, prepend=0).tolist()

@@ -112,7 +112,9 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     if not done:
-        print(f"error: no evaluation in {options.log_dir}", file=sys.stderr)
+        inner = options.log_dir / "episodes"
+        hint = f"; there are some in {inner}" if evaluations(inner) else ""
+        print(f"error: no evaluation in {options.log_dir}{hint}", file=sys.stderr)
         return 2
     print(f"Next: tensorboard --logdir={out}")
     return 0

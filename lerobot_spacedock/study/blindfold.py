@@ -20,6 +20,7 @@ from lerobot.scripts.lerobot_eval import eval_policy
 
 from lerobot_spacedock.adapters import SpaceDockEnvConfig
 from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.folders import check_output
 from lerobot_spacedock.study.picture_use import CAMERA, load_pictures, load_policy
 from lerobot_spacedock.study.summarize import summarize_folder, table, write_rows
 
@@ -114,6 +115,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     rows = []
     try:
+        if arguments.json:
+            check_output(arguments.json, "--json")
         pictures, _, _ = load_pictures(arguments.root, 256)
         for mode in arguments.modes:
             for starts in arguments.starts:

@@ -17,6 +17,7 @@ from lerobot_spacedock.study.demonstrations import (
     SEEDS_EACH,
     demos_config,
 )
+from lerobot_spacedock.study.students import StudentConfig
 
 SAMPLERS = ("grid", "tpe")
 # the axes of a sweep, slowest first: fields of SweepConfig that hold a list, and what a trial calls one value of them
@@ -47,6 +48,9 @@ LIMITS = {
     "chunk_sizes": (1, math.inf),
     "episodes": (1, math.inf),
     "num_trials": (1, math.inf),
+    "learning_rates": (1e-12, 1e3),
+    "dropouts": (0.0, 0.999),
+    "coefficients": (-88.0, 88.0),
 }
 
 
@@ -125,8 +129,13 @@ class SweepConfig:
             given = getattr(self, name)
             for value in given if isinstance(given, list) else [given]:
                 if not least <= value <= most:
-                    allowed = f"{least} or more" if most == math.inf else f"{least} to {most}"
+                    allowed = f"{least} or more" if most == math.inf else f"{least:g} to {most:g}"
                     raise InputError(f"--{name}", value, allowed)
+        for width in self.dim_models:
+            if width % StudentConfig.n_heads:
+                raise InputError(
+                    "--dim_models", width, f"a multiple of {StudentConfig.n_heads}, the heads of attention"
+                )
         for task in self.tasks:
             env_id, _, starts = task.partition("/")
             if env_id not in ENV_IDS:

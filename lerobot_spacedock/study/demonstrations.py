@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
+from lerobot_spacedock import __version__, expert
 from lerobot_spacedock.dataset.demos import DemosConfig, flight_blocks, fly_block
 from lerobot_spacedock.dataset.disturbance import KickConfig, NoiseConfig
 from lerobot_spacedock.dataset.episode import rows_of, succeeded
@@ -25,6 +26,7 @@ from lerobot_spacedock.dataset.statistics import vector_statistics
 from lerobot_spacedock.env.registration import withholds_pose
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.expert.checkpoint import GENTLE, HOLD, find_checkpoint
+from lerobot_spacedock.expert.controllers import META_RL
 from lerobot_spacedock.files import aside, remove_abandoned
 
 _KICKS = KickConfig(probability=0.12)
@@ -186,6 +188,13 @@ def _fly(config: DemosConfig) -> Frames:
 
 
 def _fingerprint(config: DemosConfig) -> str:
-    """Changes with every option, and with the expert's weights."""
-    text = json.dumps(config.settings(), sort_keys=True, default=str)
-    return hashlib.sha256(text.encode() + find_checkpoint(config.checkpoint).read_bytes()).hexdigest()[:12]
+    """Changes with every option, with the package's version, and with what the expert is: its weights, or its law."""
+    text = json.dumps([__version__, config.settings()], sort_keys=True, default=str)
+    found = hashlib.sha256(text.encode())
+    if config.expert in META_RL:
+        weights = find_checkpoint(config.checkpoint)
+        found.update(weights.read_bytes() + weights.with_suffix(".json").read_bytes())
+    else:
+        for source in sorted(Path(expert.__file__).parent.glob("*.py")):
+            found.update(source.read_bytes())
+    return found.hexdigest()[:12]

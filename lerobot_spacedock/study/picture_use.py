@@ -22,6 +22,8 @@ from lerobot.utils.constants import ACTION, OBS_IMAGES, OBS_STATE
 
 from lerobot_spacedock.dataset.roots import existing_root
 from lerobot_spacedock.errors import InputError, SpaceDockError
+from lerobot_spacedock.files import read_object
+from lerobot_spacedock.folders import check_output
 
 CAMERA = f"{OBS_IMAGES}.camera"
 
@@ -44,10 +46,15 @@ def load_policy(checkpoint: Path) -> tuple[ACTPolicy, Any, Any]:
     """A stock ACT checkpoint with its processors.
 
     Raises:
-        InputError: there is none; LeRobot would ask the hub for one of that name.
+        InputError: there is none (LeRobot would ask the hub for one of that name), or one that sees no picture.
     """
     if not (checkpoint / "config.json").is_file():
         raise InputError("--checkpoint", str(checkpoint), "the pretrained_model folder of an ACT (with config.json)")
+    config = read_object(checkpoint / "config.json")
+    seen = config.get("input_features") or {}
+    if config.get("type") != "act" or CAMERA not in seen:
+        given = f"{checkpoint}: {config.get('type')} of {', '.join(seen) or 'nothing'}"
+        raise InputError("--checkpoint", given, f"an ACT that sees {CAMERA}")
     policy = ACTPolicy.from_pretrained(checkpoint).eval()
     return policy, *make_pre_post_processors(policy.config, pretrained_path=str(checkpoint))
 
@@ -58,10 +65,12 @@ def load_pictures(
     """Frames drawn from a dataset: pictures (F, 3, H, W) in [0, 1], states (F, n) as stored, actions (F, 6).
 
     Raises:
-        InputError: there is none.
+        InputError: there is none, or none with pictures.
     """
     dataset_root = existing_root("spacedock/pictures", str(dataset_root))
     dataset = LeRobotDataset("spacedock/pictures", root=dataset_root, video_backend="pyav")
+    if CAMERA not in dataset.features:
+        raise InputError("--root", str(dataset_root), f"a dataset with pictures, {CAMERA}")
     index = np.random.default_rng(seed).choice(len(dataset), size=min(num_frames, len(dataset)), replace=False)
     items = [dataset[int(i)] for i in index]
     pictures, states, actions = (torch.stack([item[name] for item in items]) for name in (CAMERA, OBS_STATE, ACTION))
@@ -109,6 +118,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="write the JSON here too")
     arguments = parser.parse_args(argv)
     try:
+        if arguments.out:
+            check_output(arguments.out, "--out")
         found = picture_use(arguments.checkpoint, arguments.root, num_frames=arguments.frames)
     except SpaceDockError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -19,6 +19,7 @@ from typing import Any
 
 from lerobot_spacedock.errors import InputError, SpaceDockError, reading
 from lerobot_spacedock.files import write_text
+from lerobot_spacedock.folders import check_output
 from lerobot_spacedock.metrics.collect import collect
 from lerobot_spacedock.report.runs import log_files
 from lerobot_spacedock.study.results import cm, per_seed
@@ -112,11 +113,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="write the rows as JSON here")
     arguments = parser.parse_args(argv)
     try:
+        if arguments.out:
+            check_output(arguments.out, "--out")
         rows = read_rows(arguments.results)
+        seen: set[Path] = set()
         for run in arguments.runs:
             name, _, folder = run.partition("=")
             if not (name and folder):
                 raise InputError("--runs", run, "NAME=FOLDER")
+            if Path(folder).resolve() in seen:  # it would pass for another training seed
+                raise InputError("--runs", f"{folder} twice", "each folder once")
+            seen.add(Path(folder).resolve())
             rows += summarize_folder(name, Path(folder))
     except SpaceDockError as error:
         print(f"error: {error}", file=sys.stderr)

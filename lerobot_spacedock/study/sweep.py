@@ -20,7 +20,7 @@ from tqdm import tqdm
 
 from lerobot_spacedock.errors import InputError, MissingDependencyError
 from lerobot_spacedock.files import remove_abandoned, write_text
-from lerobot_spacedock.folders import disk_errors
+from lerobot_spacedock.folders import check_output, disk_errors
 from lerobot_spacedock.study.config import SweepConfig
 from lerobot_spacedock.study.results import read_trials
 from lerobot_spacedock.study.trial import run_trial
@@ -43,6 +43,7 @@ DIRECTIONS = ("maximize", "minimize")  # share of episodes in the IDSS box, smoo
 
 def sweep(config: SweepConfig) -> int:
     """Runs the verb; see the module."""
+    check_output(results_path(config), "--results")
     with disk_errors(Path(config.output_dir), "With room, the same command goes on."):
         return _sweep(config)
 
@@ -212,12 +213,17 @@ def _values(result: dict[str, Any], config: SweepConfig) -> tuple[float, float]:
     return max(scores, key=lambda score: (score[0], -score[1]))
 
 
+def results_path(config: SweepConfig) -> Path:
+    """Where the finished trials go."""
+    return Path(config.results or f"results/sweep_{config.name}.json")
+
+
 def write_results(study: optuna.Study, config: SweepConfig) -> Path:
     """Writes every finished trial, in the order of the grid, aside and renamed. Returns the file.
 
     A point that a search tried again stands there once: as another trial it would pass for another training seed.
     """
-    path = Path(config.results or f"results/sweep_{config.name}.json")
+    path = results_path(config)
     finished = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
     found = [trial.user_attrs[RESULT] for trial in finished]
     results = list({json.dumps(result["point"], sort_keys=True): result for result in found}.values())

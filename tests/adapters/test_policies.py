@@ -14,7 +14,7 @@ from lerobot_spacedock.adapters import SpaceDockEnvConfig
 from lerobot_spacedock.adapters.command_line import OptionError
 from lerobot_spacedock.env.batch import BatchedSpaceDock
 from lerobot_spacedock.env.config import TaskConfig
-from lerobot_spacedock.errors import FileFormatError, InputError, SpaceDockError
+from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.expert.controllers import make_expert
 
 TYPES = ("spacedock_meta_rl", "spacedock_mpc", "spacedock_zem", "spacedock_feedback")
@@ -167,6 +167,23 @@ def test_the_adaptive_experts_are_policy_types_too(expert, policy_type, options)
     assert not torch.allclose(flown[1:], fly(plain)[1:])  # from the second step on, thrust by the estimate
 
 
+@pytest.mark.parametrize(("policy_type", "expert"), [("spacedock_mpc", "mpc_fixed"), ("spacedock_zem", "zem")])
+def test_a_deadline_is_counted_in_the_steps_of_the_env_that_the_command_names(policy_type, expert, monkeypatch):
+    task = TaskConfig(contact=True, hill_coupling=True, time_step="fixed", time_step_mean_s=0.7)
+    arguments = ["--env.type=spacedock", "--env.task=SpaceDockContact-v0", "--env.time_step_mean_s=0.7"]
+    monkeypatch.setattr("sys.argv", ["lerobot-eval", *arguments])
+    policy = build(policy_type)
+    observation = BatchedSpaceDock(4, task).reset(np.arange(4))
+    law = make_expert(expert, task)
+    law.reset(4), policy.reset()
+    shown = {OBS_STATE: torch.from_numpy(observation.astype(np.float32))}
+    np.testing.assert_allclose(policy.select_action(shown).numpy(), law.act(observation), rtol=1e-4, atol=1e-4)
+    monkeypatch.setattr("sys.argv", ["lerobot-eval", *arguments, "--policy.deadline_step_s=0.9"])
+    assert build(policy_type, deadline_step_s=0.9).config.deadline_step_s == 0.9
+    monkeypatch.setattr("sys.argv", ["python"])
+    assert build(policy_type).config.deadline_step_s == 0.907
+
+
 @pytest.mark.parametrize("policy_type", ["spacedock_mpc", "spacedock_feedback"])
 @pytest.mark.parametrize("step_s", [0.6, 1.5])
 def test_the_estimate_counts_on_the_steps_of_the_env_that_the_command_names(policy_type, step_s, monkeypatch):
@@ -201,7 +218,7 @@ def test_a_network_without_weights_does_not_fly():
 
 
 def test_a_checkpoint_that_is_not_there_says_how_to_make_one(tmp_path):
-    with pytest.raises(FileFormatError, match="spacedock train-expert"):
+    with pytest.raises(OptionError, match="spacedock train-expert"):
         build("spacedock_meta_rl", checkpoint=str(tmp_path / "policy.safetensors"))
 
 
@@ -209,6 +226,13 @@ def test_a_checkpoint_that_is_not_there_says_how_to_make_one(tmp_path):
 def test_without_the_whole_state_an_expert_refuses(env):
     with pytest.raises(InputError, match="obs_type=agent_pos"):
         build("spacedock_mpc", env=env)
+
+
+@pytest.mark.parametrize("option", ["--env.task=SpaceDockVision-v0", "--env.obs_type=pixels"])
+def test_the_commands_env_is_looked_at_before_it_is_made(option, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["lerobot-eval", "--env.type=spacedock", option])
+    with pytest.raises(OptionError, match="an env that shows the whole state"):
+        make_policy_config("spacedock_mpc", device="cpu")
 
 
 def test_another_action_size_is_refused():

@@ -239,3 +239,20 @@ def test_observations_are_checked(name):
         with pytest.raises(InputError) as error:
             policy.act(wrong)
         assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("make = 5", "TypeError"),
+        ("def make(): return 1", "TypeError"),
+        ("make(", "SyntaxError"),
+        ("", "AttributeError"),
+    ],
+)
+def test_a_controller_that_cannot_be_made_is_named_with_its_reason(source, said, tmp_path, monkeypatch):
+    name = f"own_{abs(hash(source))}"
+    (tmp_path / f"{name}.py").write_text(source)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(InputError, match=rf"--expert: got {name}:make; allowed: .*a callable.*{said}"):
+        make_expert(f"{name}:make", TASKS["fixed same"])

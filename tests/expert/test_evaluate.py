@@ -1,5 +1,7 @@
 """``python -m lerobot_spacedock.expert.evaluate``: its options."""
 
+import json
+
 import pytest
 
 from lerobot_spacedock.expert import evaluate
@@ -28,3 +30,16 @@ def test_what_cannot_be_flown_is_refused_before_anything_is(options, capsys, mon
     assert main(["--policies=W", "--episodes=1", *options]) == 2
     assert capsys.readouterr().err.startswith("error: ")
     assert flown == []
+
+
+def test_the_record_says_what_flew(tmp_path, capsys):
+    options = ["--tasks=fixed same", "--episodes=2", "--seed=7", "--checkpoint=gentle"]
+    assert main(["--policies=W,meta_rl", *options, f"--json={tmp_path / 'e.json'}"]) == 0
+    law, learnt = json.loads((tmp_path / "e.json").read_text())
+    assert (law["policy"], learnt["policy"], learnt["seed"]) == ("W", "meta_rl (gentle)", 7)
+    assert "| meta_rl (gentle) | fixed same |" in capsys.readouterr().out
+
+
+def test_an_unknown_policy_is_named_by_its_flag(capsys):
+    assert main(["--policies=W,nope"]) == 2
+    assert capsys.readouterr().err.startswith("error: --policies: got nope; allowed: meta_rl | ")

@@ -1,6 +1,7 @@
 """The training: advantages by hand, memory between episodes, seeds, exact resume, and what is refused."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,8 +13,8 @@ from safetensors.torch import load_file
 
 from lerobot_spacedock.env.reward_config import RewardConfig
 from lerobot_spacedock.env.scenario_config import MetaRanges
-from lerobot_spacedock.errors import FileFormatError, InputError
-from lerobot_spacedock.expert.checkpoint import load_actor
+from lerobot_spacedock.errors import FileFormatError, InputError, SimulationError
+from lerobot_spacedock.expert.checkpoint import load_actor, training_counts
 from lerobot_spacedock.expert.ppo import clear_memory, collect, make_ppo, set_std_ceiling
 from lerobot_spacedock.expert.train import desired_kl, mean_change_coef, smoothness_weight, std_ceiling, train_expert
 from lerobot_spacedock.expert.train_config import (
@@ -257,6 +258,14 @@ def test_what_is_refused(tmp_path):
         train_expert(small(tmp_path / "none", resume=True))
     with pytest.raises(FileFormatError, match="num_envs"):
         train_expert(small(tmp_path / "done", resume=True, num_envs=16))
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"--output_dir: got .*file; allowed: a folder"):
+        train_expert(small(tmp_path / "file"))
+    begun = tmp_path / "begun"  # and killed before its first checkpoint
+    begun.mkdir()
+    (begun / "config.json").write_text((tmp_path / "done" / "config.json").read_text())
+    with pytest.raises(FileFormatError, match="another configuration"):
+        train_expert(small(begun, resume=True, seed=5))
     if not torch.cuda.is_available():
         with pytest.raises(InputError, match="of a GPU that torch sees"):
             train_expert(small(tmp_path / "gpu", device="cuda"))
@@ -271,7 +280,13 @@ def test_what_is_refused(tmp_path):
         ({"num_envs": 9}, "multiple"),
         ({"interactions": 0}, "≥ 1"),
         ({"smoothness_ramp": 1.5}, "fraction"),
-        ({"seed": -1}, "seed: got -1; allowed: an integer ≥ 0"),
+        ({"seed": -1}, "seed: got -1; allowed: an integer from 0"),
+        ({"seed": 2**63}, "seed: got 9223372036854775808; allowed: an integer from 0"),
+        ({"num_envs": 4, "tasks": [TaskShare(0.95), TaskShare(0.05)]}, "a share of 0.05 has one at least"),
+        ({"init_std": 0.3}, "--init_std: got 0.3; allowed: the default, without --init_from"),
+        ({"reward": RewardConfig(terminal=1.0)}, "--reward.terminal: got 1.0; allowed: the default, 20"),
+        ({"shoves": ShoveConfig(0.5), "tasks": [TaskShare()]}, "--shoves: .*without a task with shoves"),
+        ({"meta": MetaRanges(mass_fraction=0.4), "tasks": [TaskShare(dynamics="nominal")]}, "a task with dynamics"),
         ({"meta": MetaRanges(mass_fraction=1.5)}, r"meta\.mass_fraction: got 1\.5"),
         ({"reward": RewardConfig(rate_scale_deg_s=0.0)}, r"reward\.rate_scale_deg_s: got 0\.0"),
         ({"evaluation_episodes": 0}, "evaluation_episodes: got 0; allowed: an integer ≥ 1"),
@@ -353,14 +368,36 @@ def test_a_second_stage_starts_from_the_networks_of_the_first(tmp_path):
     first = checkpoints(tmp_path / "first" / "checkpoints")[-1]
     config = small(tmp_path / "second", init_from=str(first))
     algorithm = make_ppo(config, TrainingTasks(config).reset(0))
-    load_networks(first, algorithm)
+    earlier = load_networks(config, algorithm)
+    assert earlier == {"earlier_episodes": 32, "earlier_interactions": 320}
     exported = export_actor(config, algorithm).state_dict()
     assert all(torch.equal(value, exported[name]) for name, value in weights(first).items())
     train_expert(config)
     account = json.loads((tmp_path / "second" / "training.json").read_text())
-    assert account["interactions"] == 320
+    assert account["interactions"] == 640  # the first stage's with its own
+    assert account["earlier_interactions"] == 320
     assert account["demonstration_frames"] == 0
+    assert training_counts("meta_rl", tmp_path / "second") == {"episodes": 64, "interactions": 640}
     other = small(tmp_path / "third", init_from=str(first), actor=ActorConfig(lstm_size=4, hidden_sizes=[8]))
     with pytest.raises(FileFormatError, match="networks of the configured shape"):
         train_expert(other)
     assert not (tmp_path / "third").exists()
+    units = ActorConfig(lstm_size=8, hidden_sizes=[8], thrust_scale_N=4.0)
+    with pytest.raises(InputError, match=r"--actor.thrust_scale_N: got 4.0; allowed: 40, that of --init_from"):
+        train_expert(small(tmp_path / "third", init_from=str(first), actor=units))
+
+
+def test_a_second_stage_goes_on_though_the_first_is_gone(tmp_path):
+    train_expert(small(tmp_path / "first"))
+    first = checkpoints(tmp_path / "first" / "checkpoints")[-1]
+    whole, cut = (small(tmp_path / name, init_from=str(first)) for name in ("whole", "cut"))
+    train_expert(whole)
+    train_expert(replace(cut, stop_after=2))
+    shutil.rmtree(first)
+    train_expert(replace(cut, resume=True))
+    assert all(torch.equal(a, weights(tmp_path / "cut")[key]) for key, a in weights(tmp_path / "whole").items())
+
+
+def test_a_diverged_training_is_told_of(tmp_path):
+    with pytest.raises(SimulationError, match=r"iteration \d, seed 0: the networks' weights are not finite"):
+        train_expert(small(tmp_path / "out", ppo=PpoConfig(mini_batches=2, learning_rate=1e30)))

@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import torch
+from torch.utils.tensorboard import SummaryWriter
 
 from lerobot_spacedock.env.batch import BatchedSpaceDock
 from lerobot_spacedock.episode_log import MAX_STATES
@@ -19,7 +20,7 @@ from lerobot_spacedock.expert.imitate import _sequences, freeze_actor, imitate
 from lerobot_spacedock.expert.meta_rl import MetaRlPolicy
 from lerobot_spacedock.expert.policy import action_signs, observation_signs
 from lerobot_spacedock.expert.ppo import collect, make_ppo
-from lerobot_spacedock.expert.train import train_expert
+from lerobot_spacedock.expert.train import _iterate, train_expert
 from lerobot_spacedock.expert.train_config import ActorConfig, PpoConfig, TrainExpertConfig
 from lerobot_spacedock.expert.train_state import export_actor
 from lerobot_spacedock.expert.training_tasks import TrainingTasks
@@ -130,7 +131,26 @@ def test_a_training_that_starts_from_demonstrations(tmp_path):
     train_expert(small(tmp_path, init_epochs=2))
     account = json.loads((tmp_path / "out" / "training.json").read_text())
     assert account["demonstration_frames"] == 40
-    assert account["interactions"] == 960
+    assert account["interactions"] == 960 + 40
+    assert account["earlier_episodes"] == 4
+
+
+def test_the_critic_learns_at_a_rate_that_is_not_the_actors(tmp_path):
+    write_dataset(tmp_path / "demos", episodes=4, steps=10)
+    config = small(tmp_path, init_epochs=2, ppo=PpoConfig(epochs=4, mini_batches=2, learning_rate=1e-2))
+    tasks = TrainingTasks(config)
+    algorithm = make_ppo(config, tasks.reset(0))
+    progress = {"iteration": 0, "episodes": 0, "interactions": 0, "collect_s": 0.0, "learn_s": 0.0}
+    progress |= {"smoothness_price": 1.0} | imitate(config, algorithm)
+    moved = []
+    with SummaryWriter(str(tmp_path / "log")) as writer:
+        for _ in range(config.init_critic_iterations + 1):
+            before = algorithm.actor.mlp[0].weight.clone()
+            _iterate(config, algorithm, tasks, progress, writer)
+            moved.append((algorithm.actor.mlp[0].weight - before).abs().max().item())
+    assert moved[0] == 0.0
+    # eight updates of Adam, the first at 1e-5, none more than 1.5 times the one before it
+    assert 0.0 < moved[1] < 1e-5 * sum(1.5**k for k in range(8)) * 1.5
 
 
 def test_a_mistyped_start_leaves_no_folder_behind(tmp_path):

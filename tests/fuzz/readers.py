@@ -9,6 +9,7 @@ import contextlib
 import importlib
 import io
 import json
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import mutations
@@ -185,9 +186,10 @@ def make_training(folder: Path) -> list:
     small = PpoConfig(critic_hidden_sizes=[4], mini_batches=1)
     config = TrainExpertConfig(num_envs=8, episode_steps=4, actor=ActorConfig(4, [4]), ppo=small)
     algorithm = make_ppo(config, TrainingTasks(config).reset(0))
-    _TRAINING[:] = [algorithm]
-    progress = {"iteration": 1, "interactions": 32, "wall_s": 0.5, "curve": []}
-    saved = save_checkpoint(folder / "checkpoints", config, algorithm, progress, {"seed": 0, "resume": False})
+    _TRAINING[:] = [config, algorithm]
+    progress = {"iteration": 1, "episodes": 8, "interactions": 32, "wall_s": 0.5, "curve": []}
+    resolved = {"actor": asdict(config.actor), "resume": False}
+    saved = save_checkpoint(folder / "checkpoints", config, algorithm, progress, resolved)
     return [
         (saved / "training.safetensors", mutations.safetensors_header),
         (saved / "training.json", mutations.json_text),
@@ -200,8 +202,9 @@ _TRAINING: list = []  # what a checkpoint is read into; one in each process that
 def read_training(path: Path) -> object:
     from lerobot_spacedock.expert.train_state import load_checkpoint, load_networks
 
-    load_networks(path.parent, _TRAINING[0])
-    return load_checkpoint(path.parents[1], _TRAINING[0], {"seed": 0, "resume": True})
+    config, algorithm = _TRAINING
+    load_networks(replace(config, init_from=str(path.parent)), algorithm)
+    return load_checkpoint(path.parents[1], algorithm, {"actor": asdict(config.actor), "resume": True})
 
 
 def make_results(folder: Path) -> list:

@@ -165,6 +165,8 @@ def main() -> int:
     parser.add_argument("--only", help="readers whose name holds this")
     parser.add_argument("--keep", type=Path, help="write the inputs here too")
     options = parser.parse_args()
+    if options.only and not any(options.only.lower() in reader.name.lower() for reader in READERS):
+        parser.error(f"--only {options.only}: none of {', '.join(reader.name for reader in READERS)}")
     print(
         "| reader | inputs | read | refused | CPU s | memory, MB | failures |\n|:--|--:|--:|--:|--:|--:|:--|",
         flush=True,

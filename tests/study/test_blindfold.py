@@ -2,6 +2,7 @@
 
 import re
 
+import numpy as np
 import pytest
 import torch
 from lerobot.configs import FeatureType, PolicyFeature
@@ -9,10 +10,11 @@ from lerobot.policies import make_pre_post_processors
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.act.modeling_act import ACTPolicy
 
+from lerobot_spacedock.dataset.demos import DemosConfig, demos
 from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.study.blindfold import blindfold, fly
 from lerobot_spacedock.study.blindfold import main as blindfold_main
-from lerobot_spacedock.study.picture_use import CAMERA, load_pictures, load_policy
+from lerobot_spacedock.study.picture_use import CAMERA, changes, load_pictures, load_policy
 from lerobot_spacedock.study.picture_use import main as picture_use_main
 
 PICTURES = torch.rand(8, 3, 32, 40, generator=torch.Generator().manual_seed(1))
@@ -42,6 +44,27 @@ def test_what_is_not_there_is_named_and_the_hub_is_not_asked(command, tmp_path, 
         load_policy(tmp_path / "act")
     with pytest.raises(InputError, match="--root"):
         load_pictures(tmp_path / "data", 4)
+
+
+def test_another_policy_and_a_dataset_without_pictures_are_refused(tmp_path):
+    (tmp_path / "config.json").write_text('{"type": "diffusion", "input_features": {}}')
+    with pytest.raises(InputError, match=r"diffusion of nothing; allowed: an ACT that sees"):
+        load_policy(tmp_path)
+    logs = {"num_episodes": 1, "num_candidates": 1, "expert": "W", "image": False}
+    demos(DemosConfig("test/states", str(tmp_path / "data"), **logs))
+    with pytest.raises(InputError, match=r"--root: .*a dataset with pictures"):
+        load_pictures(tmp_path / "data", 4)
+
+
+def test_how_far_commands_move_is_measured_apart_for_thrust_and_torque():
+    flown = np.zeros((2, 6))
+    shuffled, blank, label = np.zeros((3, 2, 6))
+    shuffled[0, :3], shuffled[1, 3:] = [3.0, 0.0, 4.0], [0.0, 0.0, 2.0]
+    blank[:, 0], label[1, 5] = -1.0, 6.0
+    found = changes(flown, shuffled, blank, label)
+    assert found["shuffled"] == {"thrust_N": 2.5, "torque_Nm": 1.0}
+    assert found["blank"] == {"thrust_N": 1.0, "torque_Nm": 0.0}
+    assert found["label"] == {"thrust_N": 0.0, "torque_Nm": 3.0}
 
 
 @pytest.mark.parametrize("frames", ["-1", "0", "1"])  # one is no other's picture

@@ -18,9 +18,11 @@ from lerobot_spacedock.dataset.flight import fly
 from lerobot_spacedock.episode_log import log_path, write_episode_log
 from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.expert.controllers import make_expert
+from lerobot_spacedock.study import demonstrations
 from lerobot_spacedock.study import sweep as sweep_module
 from lerobot_spacedock.study import table as table_module
 from lerobot_spacedock.study.config import SweepConfig
+from lerobot_spacedock.study.demonstrations import demos_config
 from lerobot_spacedock.study.figure import FigureConfig, _draw, frontier, sweep_figure
 from lerobot_spacedock.study.results import read_trials
 from lerobot_spacedock.study.rollout import env_config
@@ -148,6 +150,11 @@ def test_a_study_keeps_its_axes(config, monkeypatch):
         ("steps", [0]),
         ("episodes", 0),
         ("tasks", []),
+        ("dim_models", [50]),
+        ("dropouts", [2.0]),
+        ("learning_rates", [-1.0]),
+        ("learning_rates", [float("nan")]),
+        ("coefficients", [float("nan")]),
     ],
 )
 def test_settings_that_cannot_be_are_refused_by_name(config, field, value):
@@ -321,6 +328,29 @@ def test_logs_become_rows_and_a_table(tmp_path, capsys):
     assert "| W | random | 3 [29.2, 100.0] | 3 |" in shown.out
     assert "surplus/episode_000003.parquet" in shown.err, "left out and named"
     assert main(["--runs", f"W={tmp_path}/nothing"]) == 2
+    capsys.readouterr()
+    assert main(["--runs", f"W={tmp_path}", f"W={tmp_path}/."]) == 2
+    assert "twice; allowed: each folder once" in capsys.readouterr().err
+    assert main(["--runs", f"W={tmp_path}", "--out", str(tmp_path)]) == 2
+    assert "--out: got" in capsys.readouterr().err
+
+
+def test_a_sweep_that_could_not_write_its_results_flies_nothing(config, monkeypatch, tmp_path):
+    monkeypatch.setattr("lerobot_spacedock.study.sweep.run_trial", lambda *_: pytest.fail("flown"))
+    with pytest.raises(InputError, match="--results"):
+        sweep(dataclasses.replace(config, results=str(tmp_path)))
+
+
+def test_stored_demonstrations_are_told_apart_by_what_flew_them(monkeypatch, tmp_path):
+    law, learnt = demos_config("kicked_W", 2, 0), demos_config("kicked_gentle", 2, 0)
+    names = {demonstrations._fingerprint(config) for config in (law, learnt, demos_config("kicked", 2, 0))}
+    assert len(names) == 3
+    (tmp_path / "feedback.py").write_text("# another law")
+    monkeypatch.setattr(demonstrations.expert, "__file__", str(tmp_path / "__init__.py"))
+    assert demonstrations._fingerprint(law) not in names
+    assert demonstrations._fingerprint(learnt) in names
+    monkeypatch.setattr(demonstrations, "__version__", "another")
+    assert demonstrations._fingerprint(learnt) not in names
 
 
 def test_a_process_that_has_the_number_of_a_dead_one_is_another(config):

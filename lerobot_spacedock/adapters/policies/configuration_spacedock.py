@@ -10,10 +10,12 @@ from lerobot.utils.constants import OBS_STATE
 
 from lerobot_spacedock.adapters import command_line
 from lerobot_spacedock.errors import InputError, in_range, one_of
+from lerobot_spacedock.expert.checkpoint import existing_checkpoint
 from lerobot_spacedock.expert.deadline import RANGES, Deadline
 from lerobot_spacedock.physics.contact import get_port
 from lerobot_spacedock.physics.frames import ACTION_DIM, OBSERVATION_NAMES, STATE_NAMES
 
+WHOLE_STATE = "The experts need the whole state: --env.obs_type=agent_pos, and not SpaceDockVision-v0."
 STATE_DIMS = (len(OBSERVATION_NAMES), len(STATE_NAMES))
 
 
@@ -33,6 +35,10 @@ class ExpertConfig(PreTrainedConfig):
             self.port = command_line.env_option("port") or "zvezda_aft"
         with command_line.option_errors():
             get_port(self.port)
+            shown = command_line.env_option("obs_type")
+            if str(command_line.env_option("withhold_pose")).lower() == "true" or shown == "pixels":
+                given = f"an env that shows {'pictures alone' if shown == 'pixels' else 'no position and attitude'}"
+                raise InputError(f"--policy.type={self.type}", given, "an env that shows the whole state", WHOLE_STATE)
 
     def validate_features(self) -> None:
         """Raises InputError unless the state is observed whole and the action is a body wrench."""
@@ -43,7 +49,7 @@ class ExpertConfig(PreTrainedConfig):
                 f"{OBS_STATE} for --policy.type={self.type}",
                 given,
                 f"{' or '.join(map(str, STATE_DIMS))} values: {', '.join(OBSERVATION_NAMES)}, the mass at choice",
-                "The experts need the whole state: --env.obs_type=agent_pos, and not SpaceDockVision-v0.",
+                WHOLE_STATE,
             )
         if action is None or tuple(action.shape) != (ACTION_DIM,):
             given = "none" if action is None else f"shape {tuple(action.shape)}"
@@ -89,6 +95,11 @@ class SpaceDockMetaRlConfig(ExpertConfig):
     thrust_limit_N: float | None = None
     torque_limit_Nm: float | None = None
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        with command_line.option_errors():
+            existing_checkpoint(self.checkpoint)
+
     @property
     def network_options(self) -> dict[str, object]:
         """Shape and scales that are known; empty for a policy whose checkpoint has not been read yet."""
@@ -132,17 +143,20 @@ class DeadlineConfig(ClassicalConfig):
 
     # step at which to arrive; 65 is the paper's horizon
     deadline_steps: int = Deadline.steps
-    # s, expected length of a step; the controller sees no clock of the environment's
-    deadline_step_s: float = Deadline.step_s
+    # s, expected length of a step, as the controller sees no clock; left out, that of the command's env, whatever was
+    # saved
+    deadline_step_s: float | None = None
     # m/s, closing speed at arrival (IDSS: 0.05 to 0.10); 0 stops at the port
     closing_speed_m_s: float = Deadline.closing_speed_m_s
 
     @property
     def step_s(self) -> float:
-        return float(command_line.env_option("time_step_mean_s") or self.deadline_step_s)
+        return float(command_line.env_option("time_step_mean_s") or self.deadline_step_s or Deadline.step_s)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.deadline_step_s is None or command_line.env_decides("deadline_step_s"):
+            self.deadline_step_s = self.step_s
         with command_line.option_errors():
             in_range("--policy.deadline_steps", self.deadline_steps, *RANGES["steps"])
             in_range("--policy.deadline_step_s", self.deadline_step_s, *RANGES["step_s"])
