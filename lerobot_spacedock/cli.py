@@ -62,6 +62,11 @@ VERBS = {
 }
 
 
+# what Ctrl-C leaves behind, of the verbs that take it up again
+RESUMED = dict.fromkeys(("demos", "convert", "push", "sweep"), "; the same command goes on from what is finished")
+RESUMED["train-expert"] = "; the same command with --resume=true goes on from the last checkpoint"
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one verb; a mistake in the input is one message on stderr and exit status 2."""
     arguments = list(sys.argv[1:] if argv is None else argv)
@@ -79,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"spacedock: error: {error}", file=sys.stderr)
         return USAGE_ERROR
     except KeyboardInterrupt:
-        print("spacedock: stopped", file=sys.stderr)
+        print(f"spacedock: stopped{RESUMED.get(arguments[0], '')}", file=sys.stderr)
         return 130
 
 
@@ -92,8 +97,13 @@ def run(name: str, arguments: Sequence[str]) -> int:
     if name not in VERBS:
         raise InputError("verb", name, ", ".join(VERBS), _suggestion(name, VERBS))
     config_class, function = VERBS[name].load()
-    config = parse_config(config_class, arguments, prog=f"spacedock {name}")
-    return int(function(config) or 0)
+    try:
+        config = parse_config(config_class, arguments, prog=f"spacedock {name}")
+        return int(function(config) or 0)
+    except InputError as error:
+        if f"--{error.what}" in dict(_flag_kinds(config_class)):  # a part of the package that knows no flags
+            raise InputError(f"--{error.what}", error.given, error.allowed, error.mend) from error
+        raise
 
 
 def parse_config(config_class: type, arguments: Sequence[str], *, prog: str) -> Any:

@@ -20,7 +20,7 @@ _PATHS = re.compile(
 
 @dataclass
 class CompletionConfig:
-    """Prints a completion script: ``eval "$(spacedock completion --shell=bash)"``, or in the shell's own folder."""
+    """Prints a completion script, to be kept in the shell's own folder (it takes seconds to write)."""
 
     # bash | zsh | fish | tcsh | powershell
     shell: str = "bash"

@@ -137,7 +137,7 @@ class SpaceDockEnvConfig(EnvConfig):
             with option_errors():
                 raise InputError("--env.fps", self.fps, "1 or more")
         if config.uses_camera:
-            self._check_picture_size()
+            self._check_picture_size(config.camera)
             shape = (config.camera.height, config.camera.width, 3)
             self.features[f"{OBS_IMAGES}.camera"] = PolicyFeature(type=FeatureType.VISUAL, shape=shape)
         if config.obs_type != "pixels":
@@ -180,8 +180,9 @@ class SpaceDockEnvConfig(EnvConfig):
         Raises:
             InputError: the log folder holds the episodes of another evaluation.
         """
-        if self.space_dock_config().uses_camera:
-            self._check_picture_size()  # again: by now LeRobot has fetched what a hub repository holds
+        config = self.space_dock_config()
+        if config.uses_camera:
+            self._check_picture_size(config.camera)  # again: by now LeRobot has fetched what a hub repository holds
         folder = self._log_folder()
         if folder is None and command_line.running_command() is not None:
             print(
@@ -206,8 +207,8 @@ class SpaceDockEnvConfig(EnvConfig):
     def get_env_processors(self) -> tuple[PolicyProcessorPipeline, PolicyProcessorPipeline]:
         return PolicyProcessorPipeline(steps=[DropRecordedNames()]), PolicyProcessorPipeline(steps=[])
 
-    def _check_picture_size(self) -> None:
-        own = (self.camera.height, self.camera.width)
+    def _check_picture_size(self, camera: CameraConfig) -> None:
+        own = (camera.height, camera.width)
         with option_errors():
             trained = command_line.trained_picture_size()
             if trained is not None and trained != own:

@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from lerobot_spacedock.dataset.findings import Report
 from lerobot_spacedock.dataset.integrity import check_dataset
-from lerobot_spacedock.dataset.next_commands import train_command
+from lerobot_spacedock.dataset.next_commands import TRAINING_HINT, train_command
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.dataset.residuals import TOLERANCES
 from lerobot_spacedock.dataset.roots import existing_root
@@ -58,7 +58,10 @@ def check(config: CheckConfig) -> int:
     if passed:
         repo_id = config.repo_id or f"local/{root.resolve().name}"
         with reading(root, "a dataset that says how it was made"):
-            print(f"Next: {' '.join(train_command(DatasetReader(root), repo_id, root))}")
+            reader = DatasetReader(root)
+            print(f"Next: {' '.join(train_command(reader, repo_id, root))}")
+            if reader.cameras:
+                print(f"      {TRAINING_HINT}")
     return 0 if passed else 1
 
 

@@ -23,7 +23,7 @@ from lerobot_spacedock.dataset.encoder import check_encoder
 from lerobot_spacedock.dataset.flight import fly
 from lerobot_spacedock.dataset.frames import check_drawing, drawing_options
 from lerobot_spacedock.dataset.job import Job, Plan, shard_count
-from lerobot_spacedock.dataset.next_commands import train_command
+from lerobot_spacedock.dataset.next_commands import TRAINING_HINT, train_command
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.dataset.record import DatasetLayout, Storage
 from lerobot_spacedock.dataset.roots import check_repo_id, dataset_root
@@ -164,8 +164,13 @@ def demos(config: DemosConfig) -> int:
     print(
         f"  kept {chosen['kept']} of {chosen['flown']} flown ({chosen['rule_text']}); {chosen['docked']} of them docked"
     )
+    if disturbs(config.kicks, config.noise):
+        print("  (They were pushed off course on purpose; the labels are what the expert commanded to come back.)")
+    reader = DatasetReader(root)
     print(f"Next: spacedock check --repo_id={config.repo_id} --root={root}")
-    print(f"      {' '.join(train_command(DatasetReader(root), config.repo_id, root))}")
+    print(f"      {' '.join(train_command(reader, config.repo_id, root))}")
+    if reader.cameras:
+        print(f"      {TRAINING_HINT}")
     return 0
 
 

@@ -61,7 +61,10 @@ def dataset_env_flags(reader: DatasetReader) -> list[str]:
     env = dict(facts.get("env") or {**(facts.get("drawing") or {}), "port": facts.get("port")})
     if starts := facts.get("initial_conditions"):  # the episodes' own, where the environment is that of the first
         env["initial_conditions"] = starts[0] if len(starts) == 1 and starts[0] in INITIAL_CONDITIONS else None
-    return env_flags(reader.features, env)
+    flags = env_flags(reader.features, env)
+    if not facts:  # made elsewhere, or by a tool that keeps no meta/spacedock.json: nothing says in which task
+        flags[0] = "--env.type=spacedock --env.task=…"
+    return flags
 
 
 def _differing(env_id: str, env: dict[str, Any]) -> list[str]:

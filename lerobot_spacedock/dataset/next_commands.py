@@ -10,6 +10,11 @@ from lerobot_spacedock.dataset.env_flags import dataset_env_flags
 from lerobot_spacedock.dataset.reader import DatasetReader
 
 POLICY = "outputs/act"
+# what train_command leaves to LeRobot, and how to do with less
+TRAINING_HINT = (
+    "(That is ACT as large as LeRobot has it, for 100,000 steps, on a GPU; for a CPU: "
+    "--config_path=configs/act_cpu.yaml. Without network add --policy.pretrained_backbone_weights=null.)"
+)
 
 
 def train_command(reader: DatasetReader, repo_id: str, root: Path | None = None) -> list[str]:

@@ -18,6 +18,7 @@ from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.folders import free_space
 
 KINDS = ("dataset", "policy", "env")
+CARD_LINES = 60  # of a card, in a dry run
 LARGE_BYTES = 2 * 1024**3
 # as the hub's library reads patterns: a star stands for slashes too
 IGNORED = [".git/*", ".cache/*", "images/*", "*.tmp", "*.part/*"]
@@ -115,7 +116,10 @@ def _upload(config: PushConfig, folder: Path) -> int:
         for file in sorted(files)[:50]:
             print(f"  {file.relative_to(folder)}  {file.stat().st_size} bytes")
         card = (folder / "README.md").read_text()
-        print(f"--- README.md\n{card if config.kind == 'env' else card[:1500]}")
+        lines = card.splitlines()
+        print("\n".join(["--- README.md", *lines[:CARD_LINES]]))
+        if len(lines) > CARD_LINES:
+            print(f"… {len(lines) - CARD_LINES} more lines, in {folder / 'README.md'}")
         print("Dry run: nothing was sent. Next: the same command without --dry_run")
         return 0
     from huggingface_hub import HfApi

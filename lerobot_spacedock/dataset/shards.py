@@ -21,7 +21,7 @@ from lerobot_spacedock.dataset.provenance import episode_row
 from lerobot_spacedock.dataset.record import DatasetRecorder
 from lerobot_spacedock.dataset.segments import Segment, pieces
 from lerobot_spacedock.dataset.source_env import stated_env
-from lerobot_spacedock.dataset.sources import FURTHER, EpisodeRef, LoadedEpisode, load
+from lerobot_spacedock.dataset.sources import FURTHER, LAST_STATE, EpisodeRef, LoadedEpisode, load
 from lerobot_spacedock.dataset.sources.pictures import resized
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import FileFormatError, InputError
@@ -30,7 +30,7 @@ from lerobot_spacedock.metrics.episode import port_of
 
 SUMMARY_FILE = "shard.json"
 # keys of a log's metadata, each a sentence where the source has none, or what there is no place for
-ASSUMED = ("times", "mass", "rewards", "readings", "chaser", FURTHER)
+ASSUMED = ("times", "mass", "rewards", "readings", "chaser", LAST_STATE, FURTHER)
 
 
 @dataclass(frozen=True)

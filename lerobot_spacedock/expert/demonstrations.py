@@ -36,7 +36,9 @@ def find_dataset(name: str) -> Path:
         name,
         "a checkpoint of another training (a folder with training.safetensors), a dataset's folder (with "
         f"meta/info.json), or the repo id of one under {home}",
-        "Make a dataset with: spacedock demos",
+        "A training writes OUTPUT_DIR/checkpoints/NUMBER: run that one first (spacedock train-expert)."
+        if Path(name).parent.name == "checkpoints"
+        else "Make a dataset with: spacedock demos",
     )
 
 

@@ -319,4 +319,4 @@ def _finish(config, algorithm, progress, output: Path, resolved: dict[str, Any])
         print(f"go on with: spacedock train-expert --output_dir={output} --resume=true … (not with --stop_after)")
     else:
         print(f"next: python -m lerobot_spacedock.expert.evaluate --checkpoint={output / 'policy.safetensors'}")
-        print("      spacedock demos --help")
+        print(f"      spacedock demos --repo_id=USER/NAME --checkpoint={output / 'policy.safetensors'}")

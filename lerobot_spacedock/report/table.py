@@ -50,11 +50,14 @@ class Table:
 
 
 def number(value: float | None, digits: int = 3, suffix: str = "") -> Cell:
-    """``value`` with ``digits`` decimals; scientific where that would hide it; a dash where there is none."""
+    """``value`` with ``digits`` decimals; scientific where that would hide it; a dash where there is none.
+
+    What is below 1e-12 is rounding, and shown as zero.
+    """
     if value is None:
         return Cell(DASH, None)
     text = f"{value:,.{digits}f}"
-    if value != 0.0 and abs(value) < 10.0 ** (-digits):
+    if 1e-12 < abs(value) < 10.0 ** (-digits):
         text = f"{value:.1e}"
     return Cell(text.replace("-", "−") + suffix, float(value))
 

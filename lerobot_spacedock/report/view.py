@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -70,6 +72,9 @@ def view(cfg: ViewConfig) -> int:
     name = f"{cfg.dataset.name}, episode {source.episode}" if source else cfg.log.name
     if _in_rerun_alone(cfg):
         _check_drawn(cfg, source)
+        if cfg.save is None and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+            mend = "Or --video=FILE.mp4, --render=FILE.png."
+            raise InputError("--save", "nothing, where there is no display", "--save=FILE.rrd", mend)
     artist = StatedArtist(cfg, log.metadata)
     try:
         if cfg.render is not None:

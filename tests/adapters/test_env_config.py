@@ -57,6 +57,12 @@ def test_features_are_named_and_shaped_as_in_the_datasets(with_mass):
     assert policy["action"].type is FeatureType.ACTION
 
 
+def test_the_camera_may_be_given_as_a_mapping():
+    config = make_env_config("spacedock", camera={"height": 24, "width": 32})
+    assert config.features["observation.images.camera"].shape == (24, 32, 3)
+    assert config.space_dock_config().camera.width == 32
+
+
 @pytest.mark.render
 def test_what_a_policy_is_given_is_what_the_features_promise():
     config = SpaceDockEnvConfig(camera=SMALL)

@@ -176,6 +176,24 @@ def test_a_configs_own_check_is_what_the_user_reads():
         cli.parse_config(Checked, ["--camera.height=0"], prog="spacedock demos")
 
 
+def test_an_option_is_named_as_its_flag_whoever_refuses_it(capsys, tmp_path):
+    flown = ["demos", "--repo_id=a/b", f"--root={tmp_path / 'd'}"]
+    assert cli.main([*flown, "--initial_conditions=sames"]) == 2
+    assert "error: --initial_conditions: got sames" in capsys.readouterr().err
+    assert cli.main([*flown, "--camera.height=0"]) == 2
+    assert "error: --camera.height: got 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("verb", "hint"), [("demos", "the same command goes on"), ("train-expert", "--resume=true")])
+def test_a_stopped_command_says_how_to_go_on(verb, hint, capsys, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "run", interrupted)
+    assert cli.main([verb]) == 130
+    assert hint in capsys.readouterr().err
+
+
 def test_an_unknown_key_in_the_config_file_is_named(tmp_path):
     path = tmp_path / "demos.yaml"
     path.write_text("repo_id: a/b\nepisodes: 7\n")

@@ -150,8 +150,9 @@ def test_logs_of_several_starts_name_them_all_and_no_single_one(tmp_path):
 
 
 def commands_after(text: str) -> list[list[str]]:
-    """The words of each command that is shown after "Next:"."""
-    return [shlex.split(line.removeprefix("Next:")) for line in text[text.index("Next:") :].splitlines()]
+    """The words of each command that is shown after "Next:"; remarks in brackets are none."""
+    lines = [line.removeprefix("Next:").strip() for line in text[text.index("Next:") :].splitlines()]
+    return [shlex.split(line) for line in lines if not line.startswith("(")]
 
 
 def test_the_next_command_trains_what_docks_in_the_datasets_own_task(tmp_path, capsys, monkeypatch):

@@ -10,6 +10,7 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from lerobot_spacedock.camera import CameraConfig
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.convert import ConvertConfig, convert
+from lerobot_spacedock.dataset.env_flags import dataset_env_flags
 from lerobot_spacedock.dataset.integrity import check_dataset
 from lerobot_spacedock.dataset.reader import DatasetReader
 from lerobot_spacedock.dataset.record import DatasetLayout, DatasetRecorder, Storage
@@ -75,7 +76,7 @@ def test_what_a_foreign_one_has_not_got_is_said(flights, tmp_path, capsys):
     dataset.finalize()
     run(tmp_path / "one", tmp_path / "two", format="lerobot", images="auto", storage=Storage("image"), step_s=0.9)
     shown = capsys.readouterr().out
-    for what in ("mass", "rewards", "times"):
+    for what in ("mass", "rewards", "times", "last state"):
         assert f"{what} not in the source" in shown
     again = LeRobotDataset("test/again", root=tmp_path / "two")
     assert again.num_frames == 8, "the last frame became the terminal state"
@@ -84,6 +85,7 @@ def test_what_a_foreign_one_has_not_got_is_said(flights, tmp_path, capsys):
     assert check_dataset(tmp_path / "two").errors == []
     facts = json.loads((tmp_path / "two" / "meta" / "spacedock.json").read_text())
     assert facts["pictures"] == "stored"
+    assert "--env.task=…" in " ".join(dataset_env_flags(DatasetReader(tmp_path / "one"))), "which nothing says"
 
 
 @pytest.mark.parametrize(("options", "size"), [({"with_mass": True}, 14), ({"withhold_pose": True}, 6), ({}, 13)])

@@ -114,6 +114,10 @@ def test_a_dry_run_says_what_and_sends_nothing(hub, dataset, capsys):
     shown = capsys.readouterr().out
     assert "meta/info.json" in shown
     assert "2 episodes" in shown
+    card = (dataset / "README.md").read_text().splitlines()
+    whole = shown.partition("--- README.md\n")[2].splitlines()
+    assert whole[:60] == card[:60], "line by line"
+    assert whole[60] == f"… {len(card) - 60} more lines, in {dataset / 'README.md'}"
 
 
 def test_without_a_token_nothing_is_sent(hub, dataset, monkeypatch, tmp_path):

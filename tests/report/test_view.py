@@ -104,6 +104,14 @@ def test_the_pictures_of_a_dataset_are_shown_whatever_its_only_camera_is_called(
     assert all(np.array_equal(a, b) for a, b in zip(shown, frames, strict=True))
 
 
+def test_without_a_display_nothing_is_drawn_for_one(log_file, monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("lerobot_spacedock.report.view.show_episode", lambda *_, **__: pytest.fail("drawn"))
+    with pytest.raises(InputError, match=r"--save: got nothing, where there is no display; allowed: --save=FILE\.rrd"):
+        view(ViewConfig(log=log_file))
+
+
 def test_mistakes_are_named(log_file, tmp_path):
     for options, message in (
         ({}, "one of the two"),

@@ -25,7 +25,9 @@ FORMATS = {
     "v21": "a LeRobotDataset v2.1 of the authors' schema, through LeRobot's own converter",
 }
 
-# what a log's metadata say under "times", "mass", "rewards", "readings" and "chaser" where the source has none
+# what a log says under "times", "mass", "rewards", "readings", "chaser" and LAST_STATE where the source has none
+LAST_STATE = "last state"
+NO_LAST_STATE = "not in the source: the last row became it, and its command is left out"
 NO_REWARDS = "not in the source: 0 stands in their place"
 NO_READINGS = "of the imperfect sensors not in the source: the true state stands in their place"
 NO_CHASER = "that was drawn not in the source: whether states follow from commands cannot be checked"

@@ -17,7 +17,16 @@ import numpy as np
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.licence import stated_license
 from lerobot_spacedock.dataset.reader import INDEX_COLUMNS, DatasetReader
-from lerobot_spacedock.dataset.sources import FURTHER, NO_MASS, NO_REWARDS, EpisodeRef, LoadedEpisode, no_times
+from lerobot_spacedock.dataset.sources import (
+    FURTHER,
+    LAST_STATE,
+    NO_LAST_STATE,
+    NO_MASS,
+    NO_REWARDS,
+    EpisodeRef,
+    LoadedEpisode,
+    no_times,
+)
 from lerobot_spacedock.dataset.stored_episode import READ, DatasetEpisode
 from lerobot_spacedock.episode_log import EpisodeLog
 from lerobot_spacedock.errors import reading
@@ -37,6 +46,8 @@ def load(ref: EpisodeRef) -> LoadedEpisode:
     log = replace(
         log, metadata={name: log.metadata[name] for name in log.metadata if name != FURTHER} | _left_out(episode)
     )
+    if log.num_steps < int(episode.place["length"]):
+        log.metadata[LAST_STATE] = NO_LAST_STATE
     if not episode.cameras:
         return LoadedEpisode(log, tasks=episode.tasks())
 
