@@ -75,17 +75,17 @@ class CameraConfig:
     near_m: float = 0.05
     """Nothing nearer than this is drawn, m."""
     far_m: float = 400.0
-    """Depth of a pixel that shows the sky, m; the station lies well within it."""
+    """Depth of a pixel that shows the sky, m; the station should lie within it: what does not, pyrender leaves out."""
     port: str = "zvezda_aft"
     """Docking port at the origin of the Hill frame: zvezda_aft (seen from -V-bar) or harmony_forward (from +V-bar)."""
     detail: str = "low"
     """Level of detail of the built-in station: low (about 35,000 triangles) or high (about 110,000)."""
     samples: int = 4
-    """Samples a pixel: 4 (rotated grid) or 1 (no anti-aliasing)."""
+    """Samples a pixel of the software renderer: 4 (rotated grid) or 1 (no anti-aliasing); pyrender has its own."""
     shadows: bool = True
     """Hard shadows from the Sun."""
     exposure: float = 0.0
-    """Gain on the light that reaches the film; 0 lets the camera choose from the Sun and the distance."""
+    """Gain on the light that reaches the film; 0 chooses one gain in sunlight and another in eclipse."""
     lamp: str = "auto"
     """Docking lamp: auto (on in eclipse), on, off."""
     sensor: SensorConfig = field(default_factory=SensorConfig)

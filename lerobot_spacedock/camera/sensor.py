@@ -1,4 +1,8 @@
-"""Faults of a real camera, applied to the linear picture before it is encoded: lens, blur, bloom, noise."""
+"""Faults of a real camera, applied after the film curve, before sRGB: lens, blur, bloom, noise.
+
+So full well and bloom threshold are levels of the developed picture (1 is white), whatever the exposure: a simple model
+of what a policy must bear, not of a detector.
+"""
 
 from __future__ import annotations
 

@@ -11,7 +11,8 @@ from lerobot_spacedock.physics.constants import EARTH_EQUATORIAL_RADIUS_m, MEAN_
 
 from .config import PORTS
 
-# a quarter of the way up, behind the chaser's left shoulder: the port's rim and target both throw shadows
+# a quarter of the way up, behind the chaser's left shoulder (the right one at Harmony): the port's rim and target both
+# throw shadows
 FIXED_SUN_H = {
     "zvezda_aft": np.array([0.52, -0.76, 0.39]) / np.linalg.norm([0.52, -0.76, 0.39]),
     "harmony_forward": np.array([0.52, 0.76, 0.39]) / np.linalg.norm([0.52, 0.76, 0.39]),

@@ -33,7 +33,7 @@ def test_shadows_only_darken_and_exposure_only_brightens():
 
 
 def test_target_is_seen_all_the_way_in():
-    """The white cross stands out of its black plate from 25 m (a few pixels) to 5 cm."""
+    """The white cross stands out of its black plate from 3 m to 5 cm."""
     for port in ("zvezda_aft", "harmony_forward"):
         renderer = make_renderer(CameraConfig(port=port))
         for d in (3.0, 1.0, 0.5, 0.2, 0.05):

@@ -7,25 +7,37 @@ import sys
 
 import numpy as np
 import pytest
-from ray_witness import random_pose
+from ray_witness import cast, random_pose, ray_mesh, rays
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from lerobot_spacedock.camera import FIXED_SUN_H, CameraConfig, make_renderer
+from lerobot_spacedock.camera.contact_sheet import port_pose
+from lerobot_spacedock.camera.pyrender_backend import SHADOW_REACH_m
 from lerobot_spacedock.errors import MissingDependencyError, SimulationError
+from lerobot_spacedock.station import station_for_port
 
 pytestmark = pytest.mark.render
 
 
 @pytest.fixture(scope="module")
-def pair():
+def pyrender():
+    """Makes renderers of that backend, where there is an OpenGL library."""
     pytest.importorskip("OpenGL")
-    config = CameraConfig(height=180, width=240, shadows=False)
+
+    def make(**options):
+        return make_renderer(CameraConfig(**options), backend="pyrender")
+
     try:
-        other = make_renderer(config, backend="pyrender")
-        other.render((0, -5, 0), (1, 0, 0, 0), (0, -1, 0))
+        make(height=4, width=4).render((0, -5, 0), (1, 0, 0, 0), (0, -1, 0))
     except MissingDependencyError as error:
         pytest.skip(str(error))
-    return make_renderer(config), other
+    return make
+
+
+@pytest.fixture(scope="module")
+def pair(pyrender):
+    size = {"height": 180, "width": 240, "shadows": False}
+    return make_renderer(CameraConfig(**size)), pyrender(**size)
 
 
 def test_silhouette_depth_and_shade_agree_over_random_poses(pair):
@@ -51,9 +63,34 @@ def test_silhouette_depth_and_shade_agree_over_random_poses(pair):
         np.testing.assert_allclose(a.image[both].mean(0), b.image[both].mean(0), atol=30)
 
 
-def test_several_renderers_and_closing_one_leaves_the_others(pair):
+@pytest.mark.parametrize(("port", "distance_m"), [("zvezda_aft", 60.0), ("zvezda_aft", 3.0), ("harmony_forward", 1.2)])
+def test_its_shadows_are_where_rays_to_the_sun_are_blocked(pyrender, port, distance_m):
+    size, sun = {"height": 120, "width": 160, "port": port}, FIXED_SUN_H[port]
+    lit, shaded, pose = pyrender(**size, shadows=False), pyrender(**size), port_pose(port, distance_m)
+    drop = (lit.render(*pose, sun).astype(int) - shaded.render(*pose, sun)).sum(axis=-1)
+    mesh = station_for_port(port, "low")
+    solid = ray_mesh(mesh)
+    rows, columns = (axis.ravel() for axis in np.mgrid[2:118:2, 2:158:2])
+    origin, direction = rays(lit.config, *pose, columns, rows)
+    z, which = cast(solid, origin, direction, nearest=0.05)
+    corners = mesh.corners[which]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    around = np.stack([drop[rows + i, columns + j] for i in (-1, 0, 1) for j in (-1, 0, 1)])
+    dark, bright = (around > 40).all(axis=0), (np.abs(around) <= 15).all(axis=0)
+    sure = np.isfinite(z) & (normal @ sun > 0.25) & (dark | bright)
+    point = (origin + z[:, None] * direction + 2e-3 * normal)[sure]
+    blocked = np.isfinite(cast(solid, point, np.broadcast_to(sun, point.shape))[0])
+    beyond = np.linalg.norm(point - np.outer(point @ sun, sun), axis=1) > 1.42 * SHADOW_REACH_m  # half its diagonal
+    assert len(point) > 60
+    assert not dark[sure][beyond].any()  # the map ends there
+    near = np.linalg.norm(point, axis=1) < SHADOW_REACH_m
+    assert (dark[sure] == blocked)[near].mean() > 0.96
+
+
+def test_several_renderers_and_closing_one_leaves_the_others(pair, pyrender):
     _, other = pair
-    small = make_renderer(CameraConfig(height=48, width=64), backend="pyrender")
+    small = pyrender(height=48, width=64)
     assert small.render((0, -10, 0), (0.5**0.5, -(0.5**0.5), 0, 0), (0, -1, 0)).shape == (48, 64, 3)
     small.close()
     small.close()
