@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -94,7 +96,8 @@ def figure5(study: Study, conditions: str) -> Figure:
     def axis(column: int, unit: str, name: str) -> Panel:
         return Panel(name, lambda ax: _steps(ax, study, flown, lambda t: t.action[:, column], unit))
 
-    panels = [norm(slice(0, 3), "N", "Thrust"), norm(slice(3, 6), "N·m", "Torque")]
+    thrust = norm(slice(0, 3), "N", "Thrust")
+    panels = [Panel(thrust.title, lambda ax: _named(ax, thrust.draw)), norm(slice(3, 6), "N·m", "Torque")]
     for k, letter in enumerate("xyz"):
         panels += [axis(k, "N", f"Thrust {letter}"), axis(3 + k, "N·m", f"Torque {letter}")]
     shown = ", ".join(f"{run.label}: {trace.name}" for run, trace in flown)
@@ -171,8 +174,16 @@ def _steps(ax: Axes, study: Study, flown: list[tuple[Run, Trace]], take, unit: s
         style = run_style(study.colour(run))
         ax.stairs(take(trace), trace.time, baseline=None, color=style["color"], ls=style["linestyle"], label=run.label)
     ax.set(xlabel="time (s)", ylabel=unit)
-    if flown:
-        ax.legend()
+
+
+def _named(ax: Axes, draw: Callable[[Axes], None]) -> None:
+    """A panel that names the runs for all of its figure, above the curves."""
+    draw(ax)
+    rows = len(ax.get_legend_handles_labels()[0])
+    if rows:
+        low, high = ax.get_ylim()
+        ax.set_ylim(low, high + (high - low) * 0.13 * rows)
+        ax.legend(loc="upper right")
 
 
 def _contours(ax: Axes, plane_map: tuple, levels: np.ndarray, letter: str) -> None:
