@@ -168,3 +168,20 @@ def test_sun_falls_behind_after_noon_and_draws_light_the_port():
     np.testing.assert_allclose(np.linalg.norm(drawn, axis=1), 1.0)
     assert (drawn[:, 1] <= -0.15).all()
     assert min(map(sunlit_share, drawn)) == 1.0
+
+
+def test_beta_is_the_elevation_towards_the_orbit_normal():
+    for beta in (-1.0, 0.4, math.pi / 2):
+        for time_s in (0.0, 1234.0):
+            assert math.asin(sun_from_orbit(time_s, beta_rad=beta)[2]) == pytest.approx(beta)
+    assert sun_from_orbit(0.0, beta_rad=0.0) == pytest.approx([1.0, 0.0, 0.0])  # noon
+    assert sun_from_orbit(0.0, beta_rad=0.3, phase_rad=math.pi) == pytest.approx([-math.cos(0.3), 0, math.sin(0.3)])
+
+
+def test_the_sun_lights_the_port_that_is_named():
+    """Harmony's forward port faces +V-bar, Zvezda's aft port -V-bar; each cosine from the smallest to 1 is drawn."""
+    for port, outward in (("harmony_forward", 1.0), ("zvezda_aft", -1.0)):
+        rng = np.random.default_rng(0)
+        facing = outward * np.array([draw_sun(rng, port=port, min_facing=0.4) for _ in range(200)])[:, 1]
+        assert 0.4 <= facing.min() < 0.45
+        assert 0.95 < facing.max() <= 1.0
