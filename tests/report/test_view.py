@@ -7,8 +7,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 from synthetic_logs import fly
 
+from lerobot_spacedock.camera.config import CameraConfig
+from lerobot_spacedock.camera.pinhole import project_points
 from lerobot_spacedock.dataset import schema
 from lerobot_spacedock.dataset.stored_episode import DatasetEpisode
 from lerobot_spacedock.episode_log import write_episode_log
@@ -16,6 +19,7 @@ from lerobot_spacedock.errors import FileFormatError, InputError
 from lerobot_spacedock.physics.contact import ZVEZDA_AFT, contact_state
 from lerobot_spacedock.report.instruments import overlay, readings
 from lerobot_spacedock.report.interpolate import dense, slerp, states_at
+from lerobot_spacedock.report.rerun_scene import show_episode
 from lerobot_spacedock.report.video import film_times, write_film
 from lerobot_spacedock.report.view import ViewConfig, view
 
@@ -78,6 +82,52 @@ def test_a_recording_holds_scene_motion_and_box(log_file, tmp_path):
         b"flight_time",
     ):
         assert entity in content, entity
+
+
+@pytest.fixture
+def recorded(tmp_path, monkeypatch):
+    """An episode whose attitude turns about no axis of its own, and what a recording of it holds, by entity."""
+    reader = pytest.importorskip("rerun.chunk").RrdReader
+    triangle = np.eye(3), np.eye(3), np.zeros((3, 3), np.uint8)
+    monkeypatch.setattr("lerobot_spacedock.report.rerun_scene.station_vertices", lambda port, detail: triangle)
+    log = fly(3, steps=2)
+    log.state[:, 7:11] = np.array([[4, -6, 2, 5], [5, -5, 1, 7], [1, 9, -3, -3]]) / [[9], [10], [10]]
+    frames = [np.zeros((12, 16, 3), np.uint8)] * 2
+    show_episode(log, frames, vfov_deg=50.0, save=tmp_path / "a.rrd", name="a")
+    found = {}
+    for chunk in reader(str(tmp_path / "a.rrd")).stream():
+        batch = chunk.to_record_batch()
+        columns = {name: batch.column(name).to_pylist() for name in batch.schema.names if ":" in name}
+        found.setdefault(chunk.entity_path, {}).update(columns)
+    return log, found
+
+
+def test_a_recorded_camera_sees_a_point_where_the_packages_own_does(recorded):
+    """Rerun's chain: matrices column by column, quaternions xyzw, and a camera that looks along z with y down."""
+    log, found = recorded
+    (focal,), (turn,), (size,) = (
+        np.array(found["/world/chaser/camera"][name][0])
+        for name in ("Pinhole:image_from_camera", "Transform3D:mat3x3", "Pinhole:resolution")
+    )
+    assert size.tolist() == [16, 12]
+    camera = CameraConfig(height=12, width=16, vfov_deg=50.0)
+    points = np.array([[3.0, -9.0, 2.0], [0.0, 0.0, 0.0], [40.0, 1.0, -7.0]])
+    pose = found["/world/chaser"]
+    for k, state in enumerate(log.state):
+        (translation,), (xyzw,) = pose["Transform3D:translation"][k], pose["Transform3D:quaternion"][k]
+        in_chaser = Rotation.from_quat(xyzw).inv().apply(points - translation)
+        in_camera = in_chaser @ turn.reshape(3, 3, order="F")
+        image = in_camera @ focal.reshape(3, 3, order="F").T
+        expected = project_points(camera, state[:3], state[7:11], points)
+        np.testing.assert_allclose(image[:, :2] / image[:, 2:], expected[:, :2], atol=1e-3, rtol=1e-4)
+        np.testing.assert_allclose(image[:, 2], expected[:, 2], atol=1e-4)
+
+
+def test_a_recorded_chaser_lies_behind_the_tip_that_docks(recorded):
+    body = recorded[1]["/world/chaser/body"]
+    centre, half = np.array(body["Boxes3D:centers"][0][0]), np.array(body["Boxes3D:half_sizes"][0][0])
+    assert (centre - half).tolist() == [-1, -1, -2]
+    assert (centre + half).tolist() == [1, 1, 0]
 
 
 def test_a_dataset_gives_its_states_commands_and_frames_back(tmp_path):
