@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lerobot_spacedock.station import MATERIALS, SEGMENTS, cache, station_for_port
+from lerobot_spacedock.station.builder import Builder
 from lerobot_spacedock.station.mesh import HILL_FROM_STATION, PORT_ORIGIN_S, GRID_m
 
 
@@ -49,6 +50,58 @@ def test_dimensions_are_those_of_the_reference(station):
     assert high[1] - low[1] == pytest.approx(8.5, abs=0.1)
     low, high = extent(station, "nauka")
     assert high[2] - low[2] == pytest.approx(13.1, abs=1.6)
+
+
+@pytest.mark.parametrize(
+    ("segment", "axis", "skin", "ends", "length", "diameter"),
+    [
+        ("destiny", 1, "white_shield", "aluminium", 8.5, 4.3),
+        ("harmony", 1, "white_shield", "aluminium", 7.19, 4.42),
+        ("columbus", 0, "white_shield", "aluminium", 6.9, 4.5),
+        ("zvezda", 1, "russian_white", "anodised", 13.1 + 1.1, 4.15),
+        ("zarya", 1, "russian_white", "russian_mli", 12.6 + 0.7, 4.1),
+        ("nauka", 2, "russian_white", "russian_mli", 13.1, 4.25),
+    ],
+)
+def test_modules_measure_what_the_agencies_say(station, segment, axis, skin, ends, length, diameter):
+    """Round their skin and along their axis, from end ring to end ring.
+
+    The model's Zvezda and Zarya reach from one measured port to the next, which is 1.1 m and 0.7 m more than the
+    modules' own lengths.
+
+    Source: NASA, Reference Guide to the International Space Station, Utilization Edition (2015), the modules' pages;
+    for Harmony the finer figures of nasa.gov, "Node 2: Harmony".
+    """
+    points = station.corners @ HILL_FROM_STATION + PORT_ORIGIN_S["zvezda_aft"]
+    here = station.segment == SEGMENTS.index(segment)
+    name = np.array([material.name for material in MATERIALS])[station.material]
+    across = [i for i in range(3) if i != axis]
+    barrel = points[here & (name == skin)].reshape(-1, 3)[:, across]
+    centre = 0.5 * (barrel.min(0) + barrel.max(0))
+    assert 2 * np.linalg.norm(barrel - centre, axis=1).max() == pytest.approx(diameter, abs=0.1)
+    rings = points[here & (name == ends)].reshape(-1, 3)
+    rings = rings[np.linalg.norm(rings[:, across] - centre, axis=1) < 1.1]
+    assert np.ptp(rings[:, axis]) == pytest.approx(length, abs=0.1)
+
+
+def test_radiators_trail_aft_of_the_truss(station):
+    """The six big panels are 23.3 m long and face away from the flight direction (Boeing, ATCS overview, 2006)."""
+    low, high = extent(station, "radiators")
+    truss = np.mean(extent(station, "truss"), axis=0)
+    assert low[1] > truss[1] - 0.5
+    assert high[1] - truss[1] == pytest.approx(23.3, abs=1.5)
+    assert low[0] == pytest.approx(-high[0], abs=1e-3)
+
+
+@pytest.mark.parametrize("high", [False, True])
+def test_a_ring_lies_on_its_circle(high):
+    builder = Builder(high)
+    builder.ring(np.eye(4), 2.0, 0.03, "anodised", 0.5)
+    points = builder.result()[0].corners.reshape(-1, 3)
+    off_axis = np.hypot(points[:, 0], points[:, 1])
+    assert 1.97 - 1e-9 <= off_axis.min() <= off_axis.max() <= 2.03 + 1e-9
+    assert points[:, 2].min() == pytest.approx(0.47)
+    assert points[:, 2].max() == pytest.approx(0.53)
 
 
 def test_ports_are_53_m_apart_and_face_away():
