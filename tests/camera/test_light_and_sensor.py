@@ -111,3 +111,29 @@ def test_distortion_moves_points_by_its_formula(tmp_path):
     y, x = np.mgrid[i - 12 : i + 13, j - 12 : j + 13]
     found = np.array([(window * x).sum(), (window * y).sum()]) / window.sum() + 0.5
     assert np.linalg.norm(found - expected) < 0.7
+
+
+def with_bloom(linear, bloom=0.5):
+    """A grey picture through bloom of 2 px above 0.6 alone, (H, W) uint8."""
+    sensor = SensorConfig(bloom=bloom, bloom_px=2.0, bloom_threshold=0.6)
+    camera = Sensor(CameraConfig(height=linear.shape[0], width=linear.shape[1], sensor=sensor))
+    return camera.expose(np.repeat(linear[..., None], 3, 2).astype(np.float32), None)[..., 0]
+
+
+def test_nothing_blooms_below_the_threshold():
+    fields = [np.full((20, 20), level) for level in (0.1, 0.35, 0.599)]
+    for field in (*fields, np.linspace(0.0, 0.599, 400).reshape(20, 20)):
+        assert (with_bloom(field) == with_bloom(field, bloom=0.0)).all()
+
+
+def test_a_light_blooms_by_what_is_above_the_threshold_and_near_itself():
+    """0.8 above it in one pixel: half of that, 0.4, in a Gaussian of 2 px, 0.4 / (2π 2²) at its middle."""
+    y, x = np.mgrid[:41, :41] - 20.0
+    r2 = x * x + y * y
+    x = with_bloom(np.where(r2 == 0, 1.4, 0.0)) / 255.0
+    found = np.where(x < 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)  # the sRGB standard's own inverse
+    expected = 0.4 / (2.0 * np.pi * 4.0) * np.exp(-r2 / 8.0)
+    around = (r2 > 0) & (r2 < 100)  # the point itself is beyond full scale
+    assert np.abs(found - expected)[around].max() < 1e-3
+    assert found[around].sum() == pytest.approx(expected[around].sum(), rel=0.05)
+    assert (found[r2 >= 100] == 0).all()
