@@ -5,6 +5,7 @@ import pytest
 
 from lerobot_spacedock.camera import FIXED_SUN_H, CameraConfig, SensorConfig, make_renderer
 from lerobot_spacedock.camera.contact_sheet import ECLIPSE_SUN_H, port_pose
+from lerobot_spacedock.camera.exposure import light_array
 from lerobot_spacedock.camera.sensor import Sensor, distort
 
 pytestmark = pytest.mark.render
@@ -137,3 +138,33 @@ def test_a_light_blooms_by_what_is_above_the_threshold_and_near_itself():
     assert np.abs(found - expected)[around].max() < 1e-3
     assert found[around].sum() == pytest.approx(expected[around].sum(), rel=0.05)
     assert (found[r2 >= 100] == 0).all()
+
+
+def through_the_penumbra(count):
+    """What Sun, Earth and shade put on film, (count, 9), and the exposure, over 0.8 degrees about Earth's limb."""
+    limb = -np.arccos(6378.137 / 6787.137)
+    elevation = limb + np.radians(np.linspace(-0.4, 0.4, count))
+    config = CameraConfig(lamp="off")
+    light = np.array(
+        [light_array(config, (0.0, -5.0, 0.0), (np.sin(e), -np.cos(e), 0.0))[0].astype(float) for e in elevation]
+    )
+    return light[:, 3:12] * light[:, 15:16], light[:, 15]
+
+
+def test_brightness_goes_through_the_penumbra_without_a_jump():
+    """Half the step, half the change; and a card in the Sun is never brighter on film than by day."""
+    coarse, fine = (np.abs(np.diff(through_the_penumbra(n)[0], axis=0)).max() for n in (401, 801))
+    assert fine == pytest.approx(0.5 * coarse, rel=0.1)
+    film, exposure = through_the_penumbra(401)
+    assert (np.diff(exposure) <= 0).all()
+    assert exposure[0] > 10 * exposure[-1]
+    assert (film[:, :3] <= film[-1, :3] * 1.001).all()
+
+
+def test_the_lamp_is_equal_at_equal_range():
+    def lamp(*r):
+        return light_array(CameraConfig(lamp="on"), r, SUN)[0][12:15]
+
+    for r in ((3.0, -4.0, 0.0), (0.0, -3.0, -4.0), (1.4, -0.0, 4.8)):
+        np.testing.assert_allclose(lamp(*r), lamp(0.0, -5.0, 0.0), rtol=1e-6)
+    assert (lamp(0.0, -10.0, 0.0) > 1.5 * lamp(0.0, -5.0, 0.0)).all()
