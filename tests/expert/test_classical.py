@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 from lerobot_spacedock.env.config import TaskConfig
 from lerobot_spacedock.env.scenario_config import MetaRanges
+from lerobot_spacedock.env.speed_profile import SpeedProfile
 from lerobot_spacedock.errors import InputError
 from lerobot_spacedock.expert import mpc
 from lerobot_spacedock.expert.adaptive import AdaptiveThrust
@@ -98,6 +99,22 @@ def test_every_controller_docks_at_both_ports(name, port):
     assert flights.idss.all()
     assert flights.miss_m.mean() < 0.015
     assert flights.rate_deg_s.max() < 0.02
+
+
+def test_law_w_arrives_at_the_speed_that_its_profile_asks_for():
+    """0.078 m/s: to 5 mm/s from every start, and to 1 mm/s alike from all."""
+    task = TASKS["contact same"]
+    closing = fly(make_expert("W", task), task, SEEDS).closing_m_s
+    assert np.abs(closing - 0.078).max() < 0.005
+    assert np.ptp(closing) < 0.001
+
+
+@pytest.mark.parametrize(("distance_m", "gain_1_s"), [(0.0, 0.3), (3.0, 0.065 + 0.235 / np.e), (300.0, 0.065)])
+def test_law_w_mends_its_closing_speed_faster_near_the_port(distance_m, gain_1_s):
+    """From rest, where nothing of the profile's slope or of the orbit acts, it commands gain times wanted speed."""
+    wanted_m_s = SpeedProfile().sampled(distance_m, 2)[1]
+    command = FeedbackPolicy("W").acceleration(np.array([[0.0, -distance_m, 0.0]]), np.zeros((1, 3)))
+    np.testing.assert_allclose(command, [[0.0, gain_1_s * wanted_m_s, 0.0]], rtol=1e-3)
 
 
 @pytest.mark.parametrize("coupled", [False, True])
