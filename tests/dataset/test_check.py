@@ -171,6 +171,66 @@ def test_damage_is_named(copy, name):
     assert any(re.search(message, error) for error in report.errors), report.errors
 
 
+def shift(column: int):
+    def change(row, by):
+        row[column] += by
+
+    return change
+
+
+def turn(row, by):
+    """Turns an attitude by a small angle, rad, about the body's y: half of it goes along q ⊗ (0, 0, 1, 0)."""
+    q0, q1, q2, q3 = row[7:11]
+    row[7:11] += 0.5 * by * np.array([-q2, -q3, q0, q1])
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "allowed"),
+    [
+        ("position_m", shift(0), 1e-4),
+        ("velocity_m_s", shift(5), 1e-5),
+        ("mass_kg", shift(6), -1e-3),
+        ("attitude_rad", turn, 1e-5),
+        ("rate_deg_s", shift(12), 1e-4),
+    ],
+)
+def test_a_state_is_held_to_its_tolerance(copy, name, change, allowed):
+    """One state of an episode, off by a third of what is allowed and then by three times that."""
+
+    def off(by):
+        def damage(values):
+            change(values[12], by)
+            return values
+
+        return damage
+
+    edit(copy, "true_state", off(allowed / 3))
+    assert not any("does not follow" in error for error in check_dataset(copy).errors)
+    edit(copy, "true_state", off(3 * allowed - allowed / 3))
+    found = [error for error in check_dataset(copy).errors if f"{name} off by" in error]
+    assert [error.split(": the next state")[0] for error in found] == ["episode 0, frame 11"]
+    assert float(re.search(r"off by ([^ ]+?)(?: \(|\.$)", found[0])[1]) == pytest.approx(abs(3 * allowed), rel=0.1)
+
+
+@pytest.mark.parametrize("key", ["mean", "std", "min", "max"])
+@pytest.mark.parametrize("column", ["observation.state", "action"])
+def test_statistics_are_held_to_a_ten_thousandth_of_the_spread(copy, column, key):
+    data = pq.read_table(copy / "data" / "chunk-000" / "file-000.parquet")[column]
+    spread = np.std(np.array(data.to_pylist(), dtype=np.float64)[:, 2])
+
+    def off(by):
+        def change(stats):
+            stats[column][key][2] += by * spread
+
+        return change
+
+    edit_json(copy, "stats.json", off(1e-4 / 3))
+    assert check_dataset(copy).errors == []
+    edit_json(copy, "stats.json", off(3e-4 - 1e-4 / 3))
+    (error,) = check_dataset(copy).errors
+    assert re.search(rf"stats\.json: {key} of {re.escape(column)}\[", error)
+
+
 def test_a_duplicate_is_found(good, log_folder, tmp_path):
     logs = tmp_path / "logs"
     logs.mkdir()
