@@ -69,8 +69,7 @@ def test_modules_measure_what_the_agencies_say(station, segment, axis, skin, end
     The model's Zvezda and Zarya reach from one measured port to the next, which is 1.1 m and 0.7 m more than the
     modules' own lengths.
 
-    Source: NASA, Reference Guide to the International Space Station, Utilization Edition (2015), the modules' pages;
-    for Harmony the finer figures of nasa.gov, "Node 2: Harmony".
+    Figures as NASA, ESA and Roscosmos publish them; for Harmony those of nasa.gov, "Node 2: Harmony".
     """
     points = station.corners @ HILL_FROM_STATION + PORT_ORIGIN_S["zvezda_aft"]
     here = station.segment == SEGMENTS.index(segment)
@@ -85,11 +84,11 @@ def test_modules_measure_what_the_agencies_say(station, segment, axis, skin, end
 
 
 def test_radiators_trail_aft_of_the_truss(station):
-    """The six big panels are 23.3 m long and face away from the flight direction (Boeing, ATCS overview, 2006)."""
+    """The six big panels of some twenty metres point away from the flight direction."""
     low, high = extent(station, "radiators")
     truss = np.mean(extent(station, "truss"), axis=0)
     assert low[1] > truss[1] - 0.5
-    assert high[1] - truss[1] == pytest.approx(23.3, abs=1.5)
+    assert 20.0 < high[1] - truss[1] < 26.0
     assert low[0] == pytest.approx(-high[0], abs=1e-3)
 
 
