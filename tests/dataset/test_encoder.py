@@ -61,4 +61,4 @@ def test_frames_that_would_crash_the_encoder_are_refused():
     with pytest.raises(InputError, match=r"image size: got 16x16; .* for video even numbers, 32 wide"):
         DatasetLayout("a/b", 16, 16).columns()
     DatasetLayout("a/b", 16, 16, storage=Storage(kind="image")).columns()
-    check_encoder(DatasetLayout("a/b", 16, 16, storage=Storage(kind="image", vcodec="vp9")))
+    check_encoder(DatasetLayout("a/b", 16, 16, storage=Storage(kind="image")))
