@@ -19,7 +19,7 @@ from typing import Any
 
 from lerobot_spacedock.dataset.record import DatasetLayout
 from lerobot_spacedock.dataset.sources import EpisodeRef
-from lerobot_spacedock.errors import InputError
+from lerobot_spacedock.errors import InputError, SpaceDockError
 from lerobot_spacedock.files import write_json
 from lerobot_spacedock.folders import disk_errors, only_process
 from lerobot_spacedock.invocation import command_line
@@ -154,9 +154,17 @@ class Job:
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
-        """Keeps a second process from working in the same folder; released by the system if this one dies."""
+        """Keeps a second process from working in the same folder; released by the system if this one dies.
+
+        A job that is refused before anything of it is finished leaves no folder behind.
+        """
         with only_process(self.root, "--root"):
-            yield
+            try:
+                yield
+            except SpaceDockError:
+                if self.folder.exists() and not self._anything_finished():
+                    self._discard()
+                raise
 
     @contextlib.contextmanager
     def disk_errors(self) -> Iterator[None]:

@@ -716,6 +716,14 @@ def test_pictures_that_flights_state_differently_are_not_drawn_alike_unless_aske
     run(tmp_path / "logs", tmp_path / "none", **options | {"images": "none"})
 
 
+@pytest.mark.parametrize("format", ["npz", "hdf5", "logs", "lerobot"])
+def test_a_source_with_nothing_in_it_leaves_no_folder_behind(tmp_path, format):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises((InputError, FileFormatError)):
+        run(tmp_path / "empty", tmp_path / "d", format=format)
+    assert [path.name for path in tmp_path.iterdir()] == ["empty"]
+
+
 def test_flights_of_several_environments_are_told_of_where_one_is_named(tmp_path, capsys):
     here, there = fly_some([1]), fly_some([2])
     there[0].metadata["env_id"] = "SpaceDock-v0"
