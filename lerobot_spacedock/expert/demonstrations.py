@@ -53,9 +53,14 @@ def port_of_dataset(folder: Path) -> Port:
 
 
 def teacher_counts(folder: Path) -> dict[str, int]:
-    """Episodes and interactions that trained whoever flew it, by ``meta/spacedock.json``; 0 where that does not say."""
-    training = _fact(folder, "expert").get("training") or {}
-    return {name: int(training.get(name, 0)) for name in ("episodes", "interactions")}
+    """Episodes and interactions that trained whoever flew it, by ``meta/spacedock.json``; 0 where that does not say.
+
+    Raises:
+        FileFormatError: the file is damaged.
+    """
+    with reading(folder / "meta" / "spacedock.json", "an account of how a dataset was made"):
+        training = _fact(folder, "expert").get("training") or {}
+        return {name: int(training.get(name, 0)) for name in ("episodes", "interactions")}
 
 
 def _fact(folder: Path, name: str) -> dict[str, Any]:

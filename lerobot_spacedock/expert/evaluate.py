@@ -211,17 +211,18 @@ def main(argv: Sequence[str] | None = None) -> int:
             for task in tasks
         ]
         seeds = range(arguments.seed, arguments.seed + arguments.episodes)
-        shown = {name: f"{name} ({arguments.checkpoint})" if arguments.checkpoint else name for name in META_RL}
-        rows = [
-            (shown.get(name, name), task, fly(policy, TASKS[task], seeds).summary()) for name, task, policy in policies
-        ]
+        rows = [(name, task, fly(policy, TASKS[task], seeds).summary()) for name, task, policy in policies]
     except SpaceDockError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(table(rows))
     if arguments.json:
-        flown = {"seed": arguments.seed, "spacedock": __version__}
-        records = [{"policy": policy, "task": task, **flown, **summary} for policy, task, summary in rows]
+        checkpoint = dict.fromkeys(META_RL, arguments.checkpoint)
+        records = [
+            {"policy": name, "checkpoint": checkpoint.get(name), "task": task, "seed": arguments.seed}
+            | {"spacedock": __version__, **summary}
+            for name, task, summary in rows
+        ]
         arguments.json.parent.mkdir(parents=True, exist_ok=True)
         write_json(arguments.json, records, indent=2, default=float)
     return 0

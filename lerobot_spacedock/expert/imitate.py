@@ -26,6 +26,7 @@ def imitate(config: TrainExpertConfig, algorithm: PPO) -> dict[str, Any]:
     The command of the step before is a feature, as in flight; the loss is the squared error in units of output.
     """
     start = time.perf_counter()
+    teacher = teacher_counts(find_dataset(config.init_from))
     actor, device = algorithm.actor, algorithm.device
     features, targets, mask = _sequences(config, device)
     actor.obs_normalizer.update(features[mask])
@@ -52,7 +53,6 @@ def imitate(config: TrainExpertConfig, algorithm: PPO) -> dict[str, Any]:
     with torch.no_grad():
         actor.distribution.log_std_param.fill_(torch.log(torch.tensor(config.init_std)).item())
     actor.reset()
-    teacher = teacher_counts(find_dataset(config.init_from))
     return {
         "imitation_s": time.perf_counter() - start,
         "demonstration_frames": int(mask.sum()),

@@ -96,8 +96,9 @@ class MpcPolicy(ClassicalPolicy):
             self._law, longest = self._at_deadline, self._deadline.steps
         else:
             shorter = max(1.0, Deadline.step_s / self._deadline.step_s)
-            softness, self._law = (SOFTNESS_FREE_TIME / shorter, SOFTNESS_FREE_TIME / shorter), self._free_time
-            longest, self._fewest = math.ceil(LONGEST_PLAN_STEPS * shorter), FEWEST_STEPS_FREE_TIME * shorter
+            softness = (SOFTNESS_FREE_TIME / shorter,) * 2
+            self._law, longest = self._free_time, math.ceil(LONGEST_PLAN_STEPS * shorter)
+            self._fewest = FEWEST_STEPS_FREE_TIME * shorter
         self._transitions, self._gains, self._costs = plans(longest, self._deadline.step_s, softness)
 
     def acceleration(self, r: np.ndarray, v: np.ndarray) -> np.ndarray:

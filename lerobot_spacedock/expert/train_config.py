@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field
 
 from lerobot_spacedock.env.config import TaskConfig
 from lerobot_spacedock.env.reward_config import RewardConfig
@@ -228,16 +228,17 @@ class TrainExpertConfig:
 
     def _refuse_unused(self) -> None:
         """Raises InputError for an option that is given and changes nothing."""
-        here = {name: getattr(self, name) for name in ("init_epochs", "init_std", "init_critic_iterations")}
-        unused = [] if self.init_from else [(name, value, "--init_from") for name, value in here.items()]
+        unused = []
+        if self.init_from is None:
+            for name in ("init_epochs", "init_std", "init_critic_iterations"):
+                unused.append((name, getattr(TrainExpertConfig, name), "--init_from"))
         if not any(task.shoves for task in self.tasks):
-            unused.append(("shoves", self.shoves, "a task with shoves"))
+            unused.append(("shoves", ShoveConfig(), "a task with shoves"))
         if all(task.dynamics == "nominal" for task in self.tasks):
-            unused.append(("meta", self.meta, "a task with dynamics: meta"))
-        plain = {field.name: field for field in fields(self)}
-        for name, value, needed in unused:
-            default = plain[name].default
-            if value != (default if default is not MISSING else plain[name].default_factory()):
+            unused.append(("meta", MetaRanges(), "a task with dynamics: meta"))
+        for name, default, needed in unused:
+            value = getattr(self, name)
+            if value != default:
                 raise InputError(f"--{name}", value, f"the default, without {needed}", "It would change nothing.")
         if self.reward.terminal != RewardConfig.terminal:
             mend = "Nothing ends an episode of the training, so none is paid."

@@ -56,9 +56,10 @@ def number(value: float | None, digits: int = 3, suffix: str = "") -> Cell:
     """
     if value is None:
         return Cell(DASH, None)
-    text = f"{value:,.{digits}f}"
-    if 1e-12 < abs(value) < 10.0 ** (-digits):
-        text = f"{value:.1e}"
+    shown = value if abs(value) > 1e-12 else 0.0
+    text = f"{shown:,.{digits}f}"
+    if 0.0 < abs(shown) < 10.0 ** (-digits):
+        text = f"{shown:.1e}"
     return Cell(text.replace("-", "−") + suffix, float(value))
 
 

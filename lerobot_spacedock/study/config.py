@@ -50,7 +50,6 @@ LIMITS = {
     "num_trials": (1, math.inf),
     "learning_rates": (1e-12, 1e3),
     "dropouts": (0.0, 0.999),
-    "coefficients": (-88.0, 88.0),
 }
 
 
@@ -146,7 +145,7 @@ class SweepConfig:
                     allowed = "demonstrations of a task that withholds the pose for such tasks, others for the others"
                     raise InputError("--tasks", task, allowed, f"{kind} shows other values of the state.")
         for coefficient in self.coefficients:
-            if abs(coefficient) * (max(self.chunk_sizes) - 1) > 88.0:
+            if not abs(coefficient) * (max(self.chunk_sizes) - 1) <= 88.0:  # nan is refused too
                 raise InputError(
                     "--coefficients", coefficient, "|coefficient| * (chunk - 1) ≤ 88", "float32 overflows."
                 )

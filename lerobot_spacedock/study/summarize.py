@@ -121,9 +121,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             name, _, folder = run.partition("=")
             if not (name and folder):
                 raise InputError("--runs", run, "NAME=FOLDER")
-            if Path(folder).resolve() in seen:  # it would pass for another training seed
+            place = Path(folder).resolve()
+            if place in seen:  # it would pass for another training seed
                 raise InputError("--runs", f"{folder} twice", "each folder once")
-            seen.add(Path(folder).resolve())
+            seen.add(place)
             rows += summarize_folder(name, Path(folder))
     except SpaceDockError as error:
         print(f"error: {error}", file=sys.stderr)

@@ -180,6 +180,8 @@ def test_a_deadline_is_counted_in_the_steps_of_the_env_that_the_command_names(po
     np.testing.assert_allclose(policy.select_action(shown).numpy(), law.act(observation), rtol=1e-4, atol=1e-4)
     monkeypatch.setattr("sys.argv", ["lerobot-eval", *arguments, "--policy.deadline_step_s=0.9"])
     assert build(policy_type, deadline_step_s=0.9).config.deadline_step_s == 0.9
+    monkeypatch.setattr("sys.argv", ["lerobot-eval", *arguments[:2], "--policy.path=saved"])
+    assert build(policy_type, deadline_step_s=0.7).config.deadline_step_s == 0.907, "the env's, whatever was saved"
     monkeypatch.setattr("sys.argv", ["python"])
     assert build(policy_type).config.deadline_step_s == 0.907
 

@@ -13,7 +13,7 @@ from torch.utils.tensorboard import SummaryWriter
 from lerobot_spacedock.env.batch import BatchedSpaceDock
 from lerobot_spacedock.episode_log import MAX_STATES
 from lerobot_spacedock.errors import FileFormatError, InputError
-from lerobot_spacedock.expert.demonstrations import find_dataset, load_demonstrations
+from lerobot_spacedock.expert.demonstrations import find_dataset, load_demonstrations, teacher_counts
 from lerobot_spacedock.expert.evaluate import TASKS
 from lerobot_spacedock.expert.feedback import FeedbackPolicy
 from lerobot_spacedock.expert.imitate import _sequences, freeze_actor, imitate
@@ -151,6 +151,26 @@ def test_the_critic_learns_at_a_rate_that_is_not_the_actors(tmp_path):
     assert moved[0] == 0.0
     # eight updates of Adam, the first at 1e-5, none more than 1.5 times the one before it
     assert 0.0 < moved[1] < 1e-5 * sum(1.5**k for k in range(8)) * 1.5
+
+
+@pytest.mark.parametrize(
+    ("facts", "counts"),
+    [
+        ({}, (0, 0)),
+        ({"expert": {"name": "W", "training": None}}, (0, 0)),
+        ({"expert": {"name": "meta_rl", "training": {"episodes": 7, "interactions": 560}}}, (7, 560)),
+        ({"expert": {"training": ["much"]}}, None),
+        ({"expert": {"training": {"episodes": "many"}}}, None),
+    ],
+)
+def test_what_the_teacher_had_cost_is_what_the_dataset_says(tmp_path, facts, counts):
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "meta" / "spacedock.json").write_text(json.dumps(facts))
+    if counts is None:
+        with pytest.raises(FileFormatError, match=r"spacedock\.json"):
+            teacher_counts(tmp_path)
+    else:
+        assert tuple(teacher_counts(tmp_path).values()) == counts
 
 
 def test_a_mistyped_start_leaves_no_folder_behind(tmp_path):

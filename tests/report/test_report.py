@@ -371,6 +371,7 @@ def test_run_words_take_several_folders(logs):
 
 def test_numbers_are_shown_without_hiding_them():
     assert number(0.00004).text == "4.0e−05"
+    assert number(-4.5e-18).text == "0.000", "rounding"
     assert number(-1234.5678, 1).text == "−1,234.6"
     assert number(None).text == "–"
     assert p_value(0.0).text == "< 1e−300"

@@ -151,12 +151,12 @@ class DeadlineConfig(ClassicalConfig):
 
     @property
     def step_s(self) -> float:
-        return float(command_line.env_option("time_step_mean_s") or self.deadline_step_s or Deadline.step_s)
+        return float(command_line.env_option("time_step_mean_s") or self.deadline_step_s)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.deadline_step_s is None or command_line.env_decides("deadline_step_s"):
-            self.deadline_step_s = self.step_s
+            self.deadline_step_s = super().step_s
         with command_line.option_errors():
             in_range("--policy.deadline_steps", self.deadline_steps, *RANGES["steps"])
             in_range("--policy.deadline_step_s", self.deadline_step_s, *RANGES["step_s"])
